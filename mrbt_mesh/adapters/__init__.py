@@ -1,1 +1,1 @@
-"""What other programs understand: their protocols and files, fed from what an observer sees."""
+"""Adapters to other programs: their protocols and file formats."""

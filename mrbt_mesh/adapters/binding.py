@@ -1,4 +1,4 @@
-"""Files that bind a mission's local tasks to another system, and the robot programs made of them.
+"""Base classes for files that bind a mission's local tasks to another system, and their programs.
 
 Texts in such a file may contain `$name`: a parameter of the local task, or a value of the robot.
 """
@@ -36,24 +36,26 @@ _WHOLE = re.compile(r"\$([A-Za-z_]\w*)((?:\.\w+)*)")
 
 
 class FillError(Exception):
-    """A task's arguments do not fit its template; the text has the reason."""
+    """A task's arguments do not fit its template; the text is the reason."""
 
 
 @dataclass(frozen=True)
 class KnownValues:
-    """The values of `$name`. With a table for a name, `$name` alone is the table's value for it,
-    and `$name.part` a part of that.
+    """The values of `$name`.
+
+    If a name has a table, a text that is just `$name` becomes the table's value, and `$name.part` a
+    part of that value.
     """
 
     values: Mapping[str, str]
     tables: Tables = field(default_factory=dict)
 
     def text(self, text: str) -> str:
-        """A text with values in it."""
+        """Return a text with values filled in."""
         return Template(text).safe_substitute(self.values)
 
     def data(self, data: Any) -> Any:
-        """Plain data with values in it; what is not known keeps its `$`. Raises FillError."""
+        """Return plain data with values filled in; unknown names keep `$`. Raises FillError."""
         if isinstance(data, str):
             whole = _WHOLE.fullmatch(data)
             return self._whole(whole[1], whole[2], data) if whole else self.text(data)
@@ -84,8 +86,10 @@ class KnownValues:
 def unknown_names(
     data: Any, names: Collection[str], place: SourcePath, tables: Collection[str] = ()
 ) -> Problems:
-    """Each `$name` in plain data that is not among the names, each `$` that is no such name, and
-    each `$name.part` of a name that has no table.
+    """Yield the problems with `$` in plain data.
+
+    These are each `$name` that is not among the names, each `$` without a name, and each
+    `$name.part` of a name without a table.
     """
     if isinstance(data, Mapping):
         for key, value in data.items():
@@ -120,7 +124,7 @@ class BoundTask(FileModel):
         robot_values: Mapping[str, str] | None = None,
         tables: Tables | None = None,
     ) -> KnownValues:
-        """The values of `$name` for a ground local task. Raises FillError."""
+        """Return the values of `$name` for a ground local task. Raises FillError."""
         if len(arguments) != len(self.parameters):
             wanted = ", ".join(self.parameters) or "none"
             raise FillError(f"the file has other parameters: {wanted}")
@@ -141,22 +145,22 @@ class BoundFile(FileModel):
         return self._report.file
 
     def new_report(self) -> Report:
-        """An empty report on this file."""
+        """Return an empty report on this file."""
         return Report(self.file, self._report.lines)
 
     @abstractmethod
     def problems(self) -> Problems:
-        """What is wrong beyond the shape of single parts."""
+        """Yield the problems of the file beyond the shape of single parts."""
 
     def condition_places(self) -> Problems:
-        """Each condition that is set, with its place."""
+        """Yield the place in the file and the name of each condition that is set."""
         for name, task in self.local_tasks.items():
             yield from ((("local_tasks", name, "sets", c), c) for c in task.sets)
 
     def check_mission(self, mission: Mission, robots: Iterable[str]) -> None:
-        """Raise FileError if it does not fit a mission and the robots that take part.
+        """Raise FileError if the file does not fit a mission and its participating robots.
 
-        Local tasks that the mission lacks do not matter: a file may serve several missions.
+        Local tasks that the mission lacks are ignored: a file may serve several missions.
         """
         report = self.new_report()
         for name, task in self.local_tasks.items():
@@ -182,7 +186,7 @@ class BoundFile(FileModel):
         report.raise_if_any()
 
     def _check_names(self, mission: Mission, report: Report) -> None:
-        """Of a local task that the mission lacks, whether another one of the mission was meant."""
+        """Report local tasks that the mission lacks but that look like misspelt ones."""
         unbound = sorted(mission.local_tasks.keys() - self.local_tasks.keys())
         for name in self.local_tasks.keys() - mission.local_tasks.keys():
             if difflib.get_close_matches(name, unbound, n=1, cutoff=0.8):
@@ -190,12 +194,12 @@ class BoundFile(FileModel):
                 report.add(("local_tasks", name), text)
 
     def mission_problems(self, mission: Mission, robots: Iterable[str]) -> Problems:
-        """What else does not fit a mission."""
+        """Yield further problems with a mission; for subclasses."""
         return iter(())
 
 
 def _count(call: str) -> int:
-    """How many arguments a name has, as in `seen($place)`."""
+    """Return the number of arguments of a condition, as in `seen($place)`."""
     return call.count(",") + 1 if "(" in call else 0
 
 
@@ -203,7 +207,7 @@ _File = TypeVar("_File", bound=BoundFile)
 
 
 def load_bound(kind: type[_File], path: Path, expected: str, explained: Mapping[str, str]) -> _File:
-    """Read a file; `explained` is that of `read_model`. Raises FileError with all its problems."""
+    """Read a file; `explained` as in `read_model`. Raises FileError with all problems found."""
     data, report = read_mapping(path, expected)
     found = read_model(kind, data, report, explained)
     for place, text in found.problems():
@@ -223,7 +227,7 @@ class News:
         self._event = anyio.Event()
 
     def tell(self) -> None:
-        """Something has changed."""
+        """Wake the waiting tasks, because something has changed."""
         self._event.set()
         self._event = anyio.Event()
 
@@ -236,15 +240,16 @@ ALL = "all"
 
 
 class LostCapabilities:
-    """Reports to the team what a robot cannot do; only changes are reported, and each end."""
+    """Reports a robot's lost and restored capabilities to the team, but only changes."""
 
     def __init__(self) -> None:
         self._told: Mapping[str, tuple[str, bool]] = {}
 
     def tell(self, robot: RobotContext, lost: Mapping[str, tuple[str, bool]]) -> bool:
-        """Report `lost`: local task, or `ALL` -> (why, whether it is not there yet and no fault).
+        """Report `lost`, which maps local tasks, or `ALL`, to (why, is pending).
 
-        Returns whether anything has changed.
+        A pending capability is not available yet, which is not a fault. Returns whether anything
+        has changed.
         """
         if lost == self._told:
             return False

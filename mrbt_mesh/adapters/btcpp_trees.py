@@ -1,4 +1,4 @@
-"""Local tasks that are BehaviorTree.CPP trees: the file format `xml` of missions and programs."""
+"""Runs BehaviorTree.CPP trees as local tasks: the tree format `xml` of missions and programs."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class BtcppTrees:
                 try:
                     task.set_condition(condition, as_truth(value))
                 except ValueTypeError:
-                    continue  # an entry without a truth changes nothing
+                    continue  # an entry that is neither true nor false changes nothing
 
     async def run_file(
         self,
@@ -104,8 +104,10 @@ TREES = BtcppTrees()
 
 @dataclass
 class _Checkpoints:
-    """The last checkpoint that a run has passed is in the entry `reached` of the team's blackboard,
-    with the activation that it belongs to, so that another robot can go on there.
+    """Tracks the checkpoints of a run, so that another robot can continue it.
+
+    The last checkpoint passed is kept in the entry `reached` of the team's blackboard, together
+    with its activation.
     """
 
     tree: BehaviorTree
@@ -115,14 +117,14 @@ class _Checkpoints:
     passed: int = 0
 
     def go_on(self) -> None:
-        """Begin after the last checkpoint of this activation, if one was passed."""
+        """Start after the last checkpoint of this activation, if one was passed."""
         run, _, uid = str(self.task.read_value(self.reached)).partition(".")
         if run == self._run and int(uid) in self.uids:
             self.passed = int(uid)
             self.tree.executor.begin_after(self.passed)
 
     def note(self) -> None:
-        """Tell the team after a tick which checkpoint was passed."""
+        """After a tick, report to the team if another checkpoint was passed."""
         statuses = self.tree.executor.statuses()
         done = (NodeStatus.SUCCESS, NodeStatus.SKIPPED)
         last = max((uid for uid in self.uids if statuses[uid - 1] in done), default=0)
@@ -132,7 +134,7 @@ class _Checkpoints:
 
     @property
     def _run(self) -> str:
-        """The activation, as short as a text of the blackboard has to be."""
+        """The activation as a hash, short enough for a text of the blackboard."""
         return hashlib.sha256(self.task.activation.encode()).hexdigest()[:16]
 
 
@@ -141,7 +143,7 @@ def _given(task: TaskContext) -> Mapping[type, Any]:
 
 
 def _library_of(program: ProgramTree) -> Library:
-    # The text has come with the mission: nothing that it might include is opened here.
+    # The text came with the mission: includes are not followed here.
     findings = Findings()
     library = library_of(parse_document(program.xml, program.source), findings)
     check_library(library, findings)
@@ -157,21 +159,22 @@ def _checkpoints_of(program: ProgramTree) -> list[int]:
 def _made_tree(
     program: ProgramTree, leaves: Leaves, given: Mapping[type, Any] | None = None
 ) -> BehaviorTree:
-    """The tree of a mission, with its entries set. Raises FileError and BlackboardError."""
+    """Build a tree of a mission and set its entries. Raises FileError and BlackboardError."""
     library = _library_of(program)
     tree = BehaviorTree(library, program.tree, leaves, given=given)
     tree.check()  # so that ports' types are known
     for name, text in program.ports:
-        # A text becomes what an entry that has a type needs; else it is what it looks like.
+        # A typed entry converts a text; otherwise its type is guessed from the text.
         is_typed = bool(tree.blackboard.type_of(name))
         tree.blackboard[name] = text if is_typed else constant_value(text)
     return tree
 
 
 async def _carry_out(tree: BehaviorTree, report: Callable[[bytes], None] | None = None) -> None:
-    """Run a tree to its end. Raises TaskFailedError if it fails; one that is skipped does not.
+    """Run a tree to its end. Raises TaskFailedError if it fails, but not if it is skipped.
 
-    `report` gets the statuses of its nodes in preorder after each tick; a skipped node is idle.
+    `report` is called after each tick with the statuses of the nodes in preorder; a skipped node
+    counts as idle.
     """
     reasons: dict[int, str] = {}
 
@@ -185,7 +188,7 @@ async def _carry_out(tree: BehaviorTree, report: Callable[[bytes], None] | None 
     try:
         status = await tree.run()
     except TickError as error:
-        # What is wrong, then its file and line: reasons are short, and paths of nodes are long.
+        # The message, then file and line, but not the node's path: reasons must be short.
         place, _, rest = str(error).partition(": ")
         message = rest.partition(": ")[2]
         raise TaskFailedError(f"{message} ({place})" if message else str(error)) from error
@@ -195,9 +198,9 @@ async def _carry_out(tree: BehaviorTree, report: Callable[[bytes], None] | None 
 
 
 def _with_conditions(leaves: Leaves, conditions: Mapping[str, ConditionType]) -> Leaves:
-    """A program's leaves, and conditions of the team for which it has no function.
+    """Return a program's leaves plus the team's conditions for which it has no function.
 
-    Their ports are the condition's arguments, by name or, where names differ, in their order.
+    The ports of such a leaf are the condition's arguments, by name or, if names differ, in order.
     """
     truths = {name: each for name, each in conditions.items() if each.values is None}
     return leaves.with_conditions({name: _reader(each) for name, each in truths.items()})

@@ -1,6 +1,6 @@
-"""Serves live what an observer records, over Foxglove's websocket protocol: the same channels.
+"""Serves the channels that an observer records live, over Foxglove's websocket protocol.
 
-Needs the extra `foxglove`. The library serves from threads of its own; everything here is done in
+Needs the extra `foxglove`. The library serves from threads of its own; this module's code runs in
 the event loop in which the team is watched.
 """
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.watcher import Watcher
 
-# The port that Foxglove's dialog proposes.
+# The default port in Foxglove's dialog.
 PORT = 8765
-# The library keeps this many messages for a slow viewer, then drops the oldest: more than the
-# current ones of a large team, all of which a late viewer gets at once.
+# The library keeps this many messages for a slow viewer, then drops the oldest. It is more than the
+# current messages of a large team, all of which a late viewer gets at once.
 BACKLOG_MESSAGES = 1 << 16
 
 
 class FoxgloveViewer:
-    """All that a recording of the team would have, live."""
+    """Shows live everything that a recording of the team would contain."""
 
     summary = "Serve the team to Foxglove: open a connection (Foxglove WebSocket) to the address."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without the extra, and where it could not listen."""
+        """Raise InputError if the extra is missing, or if it could not listen."""
         _require()
         check_listens(options.host, _port(options), "Foxglove's protocol")
 
@@ -49,7 +49,7 @@ class FoxgloveViewer:
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
-        """Serve it until the watcher is closed. Raises InputError if it cannot listen."""
+        """Serve the team until the watcher is closed. Raises InputError if it cannot listen."""
         port = _port(options)
         opened: list[FoxgloveServer] = []
 
@@ -71,14 +71,14 @@ def _port(options: ViewerOptions) -> int:
 class FoxgloveServer:
     """A sink for an observer's recorder. `address` is that of the websocket.
 
-    When a viewer subscribes to a channel, the channel's current messages are sent again, to all
-    its viewers: the library cannot address one of them.
+    When a viewer subscribes to a channel, the channel's current messages are sent again to all its
+    viewers, because the library cannot address a single one.
     """
 
     def __init__(self, metadata: RunMetadata, host: str, port: int) -> None:
-        """`port` 0: any that is free. Raises InputError without the extra, or if it cannot serve.
+        """Start the server; `port` 0: any free port. Must be called in a running event loop.
 
-        To be called in a running event loop.
+        Raises InputError if the extra is missing, or if it cannot serve.
         """
         _require()
         from foxglove import Channel, Context, Schema, start_server
@@ -88,7 +88,7 @@ class FoxgloveServer:
         self._standing: dict[str, dict[tuple[Any, ...], tuple[int, bytes]]] = {
             topic: {} for topic in CHANNELS
         }
-        # Its channels are closed with it.
+        # The context of the server's channels.
         self._context = context = Context()
         self._channels = {
             topic: Channel(
@@ -100,7 +100,7 @@ class FoxgloveServer:
             for topic, each in CHANNELS.items()
             if topic != BEATS
         }
-        # Of a listener's methods the library calls those that are there.
+        # The library calls those methods of a listener that exist.
         listener: Any = _Listener(self)
         try:
             self._server = start_server(
@@ -120,7 +120,7 @@ class FoxgloveServer:
 
     @property
     def epoch_ns(self) -> int:
-        """The Unix time at which the clock of the observer was 0."""
+        """The Unix time, in nanoseconds, at which the observer's clock was 0."""
         return self._encoder.epoch_ns
 
     def write(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
@@ -137,7 +137,7 @@ class FoxgloveServer:
             self._standing[FACTS].pop((data["author"], data["name"]), None)
 
     def asked(self, topic: str) -> None:
-        """A viewer has subscribed to a channel; from any thread."""
+        """Send a channel's current messages to a new viewer. May be called from any thread."""
         # The loop may have ended before the server.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._send_current, topic)
@@ -147,24 +147,24 @@ class FoxgloveServer:
             self._channels[topic].log(text, log_time=at_ns)
 
     def flush(self, now_us: int) -> None:
-        """Nothing is held back."""
+        """Do nothing: messages are not buffered."""
 
     @property
     def is_full(self) -> bool:
-        """Never: nothing is kept."""
+        """Always False: nothing is stored."""
         return False
 
     def begin_part(
         self, mission: Mission, facts: Iterable[Entry], about: Mapping[str, Any], now_us: int
     ) -> None:
-        """Not called, as it is never full."""
+        """Do nothing. Never called, because the sink is never full."""
 
     def abandon(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self.close()
 
     def close(self) -> None:
-        """End the server and its channels."""
+        """Stop the server and close its channels."""
         self._server.stop()
         self._close_channels()
 
@@ -174,7 +174,7 @@ class FoxgloveServer:
 
 
 class _Listener:
-    """What the library calls, from its threads."""
+    """Callbacks of the library, called from its threads."""
 
     def __init__(self, server: FoxgloveServer) -> None:
         self._server = server

@@ -1,7 +1,7 @@
 """A tree of a mission with the statuses of its nodes, as an observer sees them.
 
-T_G is the same for all robots. T_i of one robot has T_A, T_G and T_Li below it; the statuses in T_A
-and T_Li are not sent, and follow from the facts of the team.
+T_G is the same for all robots. T_i of one robot contains T_A, T_G and T_Li. The statuses in T_A and
+T_Li are not sent; they are derived from the facts of the team.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from mrbt_mesh.views.model.own_trees import OwnTrees
 
 
 class ObservedTree:
-    """T_G, or T_i of a robot of the mission file; in T_Li a local task is one leaf."""
+    """T_G, or T_i of a robot of the mission file; in T_Li a local task is a single leaf."""
 
     def __init__(self, mission: Mission, robot: str | None = None) -> None:
-        """Raises InputError for a robot that the mission lacks."""
+        """Build T_i of `robot`, by default T_G. Raises InputError for an unknown robot."""
         self._own: OwnTrees | None = None
         self.tree, self.title = mission.tree, f"T_G of {mission.name}"
         if robot is None:
@@ -35,8 +35,10 @@ class ObservedTree:
         self.tree = build_tree(NodeSpec(Kind.PARALLEL, children, f"T_{robot}", limit=len(parts)))
 
     def statuses(self, observer: Observer) -> bytes:
-        """One byte for each node, the value of its `Status`; all idle unless the robot is a member
-        of the team, for T_G while no robot is known.
+        """Return the `Status` of each node as one byte.
+
+        All nodes are idle while the robot is not a member of the team, or for T_G while no robot is
+        known.
         """
         plan = observer.plan
         team = bytes(len(observer.mission.tree.nodes))

@@ -1,4 +1,4 @@
-"""The kinds of robots for which `mrbt new` writes a mission and a program. It loads no adapter."""
+"""The kinds of robots for which `mrbt new` writes a mission and a program; loads no adapter."""
 
 from __future__ import annotations
 

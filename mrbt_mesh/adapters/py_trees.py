@@ -1,4 +1,4 @@
-"""A tree of py_trees as a local task of a robot's program.
+"""Runs a py_trees tree as a local task of a robot's program.
 
     from mrbt_mesh.adapters.py_trees import local_task
 
@@ -6,7 +6,7 @@
 
     robot.local_task("fetch")(local_task(fetch, arguments=["goal"]))
 
-Needs the extra `py_trees`. docs/how-to/robot-trees.md says how such a tree is run.
+Needs the extra `py_trees`. docs/how-to/robot-trees.md describes how such a tree is run.
 """
 
 from __future__ import annotations
@@ -37,15 +37,16 @@ def local_task(
     arguments: Sequence[str] = (),
     rate_hz: float = RATE_HZ,
 ) -> TaskFunction:
-    """A function for `RobotProgram.local_task` that runs a tree of py_trees.
+    """Return a function for `RobotProgram.local_task` that runs a py_trees tree.
 
-    `tree` is a function that makes one for each run, or one tree that every run uses in turn.
-    `arguments` are the blackboard's keys for the local task's arguments, in order. The tree is
-    ticked `rate_hz` times a second until its root is SUCCESS or FAILURE; a failure has the feedback
-    message of the behaviour that decided it. Cancelled, the tree is stopped with INVALID.
+    `tree` is a function that makes a tree for each run, or one tree that all runs use in turn.
+    `arguments` are the blackboard keys for the local task's arguments, in order. The tree is ticked
+    `rate_hz` times a second until its root is SUCCESS or FAILURE; a failure has the feedback
+    message of the behaviour that decided it. When the task is cancelled, the tree is stopped with
+    INVALID.
 
     Every run has a blackboard of its own. `setup` of the behaviours gets `task`, the TaskContext.
-    Raises InputError without the extra, and ProgramError for what is no tree or no rate.
+    Raises InputError without the extra, and ProgramError for an invalid tree or rate.
     """
     require("a tree of py_trees", "py_trees", "py_trees")
     if rate_hz <= 0:
@@ -86,10 +87,10 @@ def _as_tree(given: Any) -> BehaviourTree:
 
 
 class _Run:
-    """One run with a blackboard of its own; py_trees has one in a process.
+    """One run with a blackboard of its own; py_trees itself has one per process.
 
-    A tree that is made for the run also has its own clients: a key that one of them writes
-    exclusively can be written in other robots' trees as well.
+    A tree made for the run also has its own clients, so a key that one of them writes exclusively
+    can be written in other robots' trees as well.
     """
 
     def __init__(self, storage: dict[str, Any], is_made: bool) -> None:
@@ -99,7 +100,7 @@ class _Run:
 
     @contextmanager
     def blackboard(self) -> Iterator[None]:
-        """Code in the block sees this run's entries; it must not await."""
+        """Make this run's entries visible to the code in the block, which must not await."""
         from py_trees.blackboard import Blackboard
 
         others = {name: getattr(Blackboard, name) for name in self.own}
@@ -138,13 +139,13 @@ class _Run:
                 return
             if status is not Status.RUNNING:
                 raise TaskFailedError(_reason(tree))
-            # A tick that took too long is not made up for.
+            # Ticks missed by a slow tick are skipped.
             due_s = max(due_s + period_s, anyio.current_time())
             await anyio.sleep_until(due_s)
 
 
 def _reason(tree: BehaviourTree) -> str:
-    """The feedback of the behaviour that decided the failure, or its name."""
+    """Return the feedback of the behaviour that decided the failure, or how it ended."""
     tip = tree.tip() or tree.root
     said = tip.feedback_message or tree.root.feedback_message
     return f"{tip.name}: {said}" if said else f"{tip.name} ended as {tip.status.value}"

@@ -1,4 +1,4 @@
-"""`mrbt serve`: a team over HTTP, and for Open-RMF."""
+"""`mrbt serve`: serves a team over HTTP, and to Open-RMF."""
 
 from __future__ import annotations
 

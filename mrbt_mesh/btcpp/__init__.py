@@ -1,6 +1,6 @@
 """BehaviorTree.CPP trees in Python, without a team: read, check and run them.
 
-The reference is BehaviorTree.CPP 4.10, wherever no other version is named.
+The reference is BehaviorTree.CPP 4.10, unless another version is named.
 
     from mrbt_mesh import btcpp
 
@@ -11,7 +11,7 @@ The reference is BehaviorTree.CPP 4.10, wherever no other version is named.
 Within an event loop: `await btcpp.load("navigate.xml", leaves).run()`.
 
 `files` reads, checks and writes trees, `scripts` is their scripting language, `executor` runs them.
-Nothing here imports any other part of mrbt_mesh except `mrbt_mesh.errors`.
+This package imports nothing else of mrbt_mesh except `mrbt_mesh.errors` and `mrbt_mesh.driven`.
 """
 
 from mrbt_mesh.btcpp.api import check, load, load_leaves, run

@@ -23,9 +23,9 @@ load = BehaviorTree.from_file
 def check(
     file: Path | str, *, is_strict: bool = False, package_folders: Sequence[Path] = ()
 ) -> list[Finding]:
-    """Check a file with all that it includes: errors and warnings, in the order of the file.
+    """Check a file and all files it includes; returns errors and warnings in file order.
 
-    With `is_strict` all that BehaviorTree.CPP refuses is an error. `package_folders` are
+    With `is_strict`, everything that BehaviorTree.CPP refuses is an error. `package_folders` are
     searched for the packages that `ros_pkg` of an <include> names. Raises FileError if the file
     cannot be read as XML with a <root>.
     """
@@ -40,12 +40,12 @@ def run(
     entries: Mapping[str, Any] | None = None,
     warn: Callable[[Finding], object] | None = None,
 ) -> NodeStatus:
-    """Run a tree to its end, in an event loop of its own: SUCCESS, FAILURE or SKIPPED.
+    """Run a tree to its end in an event loop of its own; returns SUCCESS, FAILURE or SKIPPED.
 
     `program`: the leaves, or a Python file that defines them (see `load_leaves`). `tree`: an ID,
-    by default the main tree. `entries`: the first values of entries of its blackboard. `warn` is
-    called with each warning about the file before the tree begins. Raises FileError,
-    BlackboardError, TickError, and what a leaf raises except TaskFailedError.
+    by default the main tree. `entries`: initial values of entries of its blackboard. `warn` is
+    called with each warning about the file before the tree starts. Raises FileError,
+    BlackboardError, TickError, and any error of a leaf except TaskFailedError.
     """
     leaves = program if isinstance(program, Leaves) else load_leaves(program)
     loaded = load(file, tree, leaves)
@@ -61,8 +61,8 @@ def run(
 def load_leaves(program: Path | str) -> Leaves:
     """Run a Python file and return the Leaves object that it defines.
 
-    It may import its neighbours: its folder is put before `sys.path`. Raises FileError if the
-    file cannot be run, or if it does not define exactly one.
+    The file may import modules from its own folder, which is put first in `sys.path`. Raises
+    FileError if it cannot be run, or if it does not define exactly one `Leaves` object.
     """
     folder = str(Path(program).resolve().parent)
     if folder not in sys.path:

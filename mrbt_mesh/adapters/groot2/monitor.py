@@ -1,8 +1,8 @@
-"""Groot2's protocol, version 2: the tree that a monitor is shown, and the replies to its requests.
+"""Groot2's protocol, version 2: the tree shown to a monitor, and the replies to its requests.
 
-A request is a ZeroMQ message of one or two parts: a header of 6 bytes and, for some, data. The
-reply repeats the header, followed by the 16 bytes of the tree's id, and then has its data. An error
-is the text `error` and a second part with the reason. Numbers are little-endian.
+A request is a ZeroMQ message of one or two parts: a header of 6 bytes and, for some requests, data.
+The reply repeats the header, followed by the 16 bytes of the tree's id, and then has its data. An
+error is the text `error` and a second part with the reason. Numbers are little-endian.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MICROSECOND_BITS = 48
 TREE_ID_BYTES = 16
 # Uids are 16 bits wide on the wire.
 MAX_UID = (1 << 16) - 1
-# BehaviorTree.CPP keeps this number for a monitor that does not fetch them.
+# BehaviorTree.CPP keeps this many transitions for a monitor that does not fetch them.
 MAX_TRANSITIONS = 1_000
 NO_HOOKS = "not supported: robots never wait for permission, so there are no breakpoints"
 TWO_PARTS = "must be 2 parts message"
@@ -68,12 +68,12 @@ class MonitorRequest:
     number: int
 
     def reply_header(self, tree_id: bytes) -> bytes:
-        """The header of the answer; `tree_id`: 16 bytes that change with the tree."""
+        """Return the header of the reply; `tree_id`: 16 bytes that change with the tree."""
         return _HEADER.pack(PROTOCOL, self.kind, self.number) + tree_id
 
 
 def parse_request(header: bytes) -> MonitorRequest | None:
-    """A request's header; None for bytes that are no request of this protocol."""
+    """Parse a request's header; None if it is not a request of this protocol."""
     if len(header) != _HEADER.size:
         return None
     protocol, kind, number = _HEADER.unpack(header)
@@ -81,34 +81,34 @@ def parse_request(header: bytes) -> MonitorRequest | None:
 
 
 def status_buffer(statuses: Iterable[int]) -> bytes:
-    """The statuses of the nodes with the uids 1, 2, ...; for those of idle nodes see `shown`."""
+    """Encode the statuses of the nodes with uids 1, 2, ...; for idle nodes see `shown`."""
     return b"".join(_STATUS.pack(uid, status) for uid, status in enumerate(statuses, 1))
 
 
 def shown(before: int, status: int) -> int:
-    """A node's status as monitors show it: one that is idle again keeps what it was before."""
+    """Return a node's status for monitors: a node that became idle also keeps its last status."""
     if status != Status.IDLE or before == Status.IDLE:
         return status
     return before if before >= IDLE_AFTER else IDLE_AFTER + before
 
 
 def transition(at_us: int, uid: int, status: int) -> bytes:
-    """One change of a status, as in recordings: 9 bytes.
+    """Encode one change of a status for recordings, in 9 bytes.
 
-    `at_us`: since the recording began, modulo 2**48.
+    `at_us`: time since the recording began; it is sent modulo 2**48.
     """
     moment = at_us % (1 << MICROSECOND_BITS)
     return moment.to_bytes(MICROSECOND_BITS // 8, "little") + _STATUS.pack(uid, status)
 
 
 class FullTree:
-    """A tree as XML with a `_uid` at every node, and the conditions read in each part of it.
+    """A tree as XML with a `_uid` at every node, and the conditions read in each subtree.
 
-    The node of index n has the uid n + 1: both number the nodes depth first.
+    The node with index n has the uid n + 1: both number the nodes depth first.
     """
 
     def __init__(self, tree: Tree, title: str) -> None:
-        """Raises InputError for a tree of more nodes than there are uids."""
+        """Raises InputError if the tree has more nodes than there are uids."""
         if len(tree.nodes) > MAX_UID:
             raise InputError(f"{title}: {len(tree.nodes)} nodes, Groot2's protocol has {MAX_UID}")
         library = Library()
@@ -119,7 +119,7 @@ class FullTree:
 
 
 def _xml(document: Document) -> str:
-    """The compact form with models of all its kinds of nodes, as BehaviorTree.CPP writes it."""
+    """Return the compact form with models of all nodes used, as BehaviorTree.CPP writes it."""
     used = {type_id(element) for tree in document.trees for element in tree.walk()}
     root = compact(document).root
     models = next((each for each in root.children if each.tag == MODELS), None)
@@ -131,9 +131,9 @@ def _xml(document: Document) -> str:
 
 
 def _conditions(tree: Tree, document: Document) -> dict[str, tuple[str, ...]]:
-    """Name of a blackboard -> the conditions read in its tree, or below it.
+    """Return the conditions read in or below each tree, by the name of its blackboard.
 
-    The first tree's blackboard is called by its ID, those of others by their path.
+    The first tree's blackboard is named by the tree's ID, the other ones by their path.
     """
     found: dict[str, tuple[str, ...]] = {}
     for number, element in enumerate(each for each in document.root.children if each.tag == TREE):
@@ -154,7 +154,7 @@ def _conditions_below(tree: Tree, index: int) -> tuple[str, ...]:
 
 
 _HOOKS = (RequestKind.HOOK_INSERT, RequestKind.HOOK_REMOVE, RequestKind.BREAKPOINT_UNLOCK)
-# A monitor that leaves removes all hooks; there are none.
+# A monitor that disconnects removes all hooks; there are none.
 _GONE = (RequestKind.REMOVE_ALL_HOOKS, RequestKind.DISABLE_ALL_HOOKS)
 _MORE = frozenset({RequestKind.BLACKBOARD, RequestKind.TOGGLE_RECORDING, *_HOOKS})
 
@@ -163,7 +163,7 @@ class MonitoredTree:
     """Answers the requests of monitors; call `update` when the observer has changed."""
 
     def __init__(self, observed: ObservedTree, observer: Observer) -> None:
-        """Raises InputError for a tree of more nodes than the protocol can number."""
+        """Raises InputError if the tree has more nodes than the protocol can number."""
         self._observed = observed
         self._observer = observer
         self._full = FullTree(observed.tree, observed.title)
@@ -178,7 +178,7 @@ class MonitoredTree:
         self._recording_since_us: int | None = None
 
     def update(self, now_us: int) -> None:
-        """Take over the statuses as they are now."""
+        """Update the statuses from the observer."""
         statuses = self._observed.statuses(self._observer)
         if statuses == self._statuses:
             return
@@ -192,7 +192,7 @@ class MonitoredTree:
         self._buffer = status_buffer(self._shown)
 
     def answer(self, parts: Sequence[bytes], now_us: int) -> list[bytes]:
-        """The reply to one request, also to one that is malformed."""
+        """Return the reply to one request; a malformed request gets an error."""
         request = parse_request(parts[0]) if parts else None
         if request is None:
             return _error("wrong request header")
@@ -203,7 +203,7 @@ class MonitoredTree:
         return [header] if data is None else [header, data]
 
     def _data(self, request: MonitorRequest, more: bytes | None, now_us: int) -> bytes | str | None:
-        """What follows the header: data, nothing (None), or in place of both an error (text)."""
+        """Return the data after the header, None for no data, or the text of an error."""
         if request.kind in _MORE and more is None:
             return TWO_PARTS
         match request.kind:
@@ -229,7 +229,7 @@ class MonitoredTree:
                 return "Request not recognized"
 
     def _blackboards(self, names: bytes) -> bytes:
-        """Conditions of T_G as entries, for each known blackboard in `names`."""
+        """Encode the conditions of T_G as entries, for each known blackboard in `names`."""
         holds, known = self._observer.facts.condition, self._full.blackboards
         wanted = [name for name in names.decode(errors="replace").split(";") if name in known]
         entries = {
@@ -239,7 +239,7 @@ class MonitoredTree:
         return bytes(msgpack.packb(entries))
 
     def _record(self, word: bytes, now_us: int) -> bytes | None:
-        """Start to keep transitions, and return the Unix time in microseconds; or stop."""
+        """Start recording transitions and return the Unix time in microseconds, or stop."""
         if word == b"start":
             self._recording_since_us = now_us
             self._transitions.clear()

@@ -1,4 +1,4 @@
-"""Shows a team's tree live in Groot2 and in other monitors of BehaviorTree.CPP, over ZeroMQ."""
+"""Shows a team's tree live in Groot2 and other BehaviorTree.CPP monitors, over ZeroMQ."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.watcher import Watcher
 
-# Groot2's own.
+# Groot2's default port.
 PORT = 1667
 # Requests are a few bytes; names of blackboards may be longer.
 MAX_REQUEST_BYTES = 1 << 16
@@ -31,7 +31,7 @@ class Groot2Viewer:
     summary = "Show the team's tree, or with --robot a robot's, live in Groot2."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without the extra, and where it could not listen."""
+        """Raise InputError if the extra is missing, or if it could not listen."""
         require_library()
         check_listens(options.host, _port(options), "Groot2's protocol")
 
@@ -39,7 +39,7 @@ class Groot2Viewer:
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
-        """Answer monitors. Raises InputError if it cannot listen, or the robot is not known."""
+        """Answer monitors. Raises InputError if it cannot listen, or the robot is unknown."""
         from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
         from mrbt_mesh.adapters.node_statuses import ObservedTree
         from mrbt_mesh.runtime.fencing import boottime_us
@@ -65,15 +65,15 @@ def _port(options: ViewerOptions) -> int:
 
 
 def require_library() -> None:
-    """Raise InputError without the library."""
+    """Raise InputError if the library is missing."""
     require("Groot2's protocol", "groot2", "zmq")
 
 
 @contextmanager
 def listening(host: str, port: int) -> Iterator[tuple[zmq.asyncio.Socket, int]]:
-    """A socket for monitors, and its port (`port` 0: any that is free).
+    """Open a socket for monitors; yields it and its port (`port` 0: any free port).
 
-    Raises InputError without the library, and where it cannot listen.
+    Raises InputError if the library is missing, or if it cannot listen.
     """
     require_library()
     import zmq
@@ -97,7 +97,7 @@ def listening(host: str, port: int) -> Iterator[tuple[zmq.asyncio.Socket, int]]:
 
 
 async def answer_all(socket: zmq.asyncio.Socket, monitored: MonitoredTree) -> None:
-    """Answer one request after the other; never returns.
+    """Answer requests one after the other; never returns.
 
     A request follows its sender's address and an empty part; other messages are dropped.
     """
@@ -109,5 +109,5 @@ async def answer_all(socket: zmq.asyncio.Socket, monitored: MonitoredTree) -> No
         if message[begin:]:
             answer = monitored.answer(message[begin:], boottime_us())
             await socket.send_multipart([*message[:begin], *answer])
-        # Many requests at once must not keep the team's messages waiting.
+        # A burst of requests must not delay the team's messages.
         await anyio.lowlevel.checkpoint()

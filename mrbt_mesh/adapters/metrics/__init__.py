@@ -1,1 +1,1 @@
-"""Metrics for Prometheus, of each robot and of a whole team."""
+"""Prometheus metrics of each robot and of a whole team."""

@@ -1,8 +1,8 @@
 """Metrics as plain data, in Prometheus' terms: families of samples with labels.
 
-Names follow Prometheus' rules: `mrbt_` first, base units (seconds, bytes) last. A counter's name
-is given without `_total`, which the server adds. Labels are names from the mission file and
-constants: the texts of refusals quote strangers, and labels must stay few.
+Names follow Prometheus' rules: they begin with `mrbt_` and end with a base unit (seconds, bytes). A
+counter's name has no `_total`, which the server adds. Labels are names from the mission file and
+constants: the number of labels must stay small, but texts of refusals contain arbitrary input.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from functools import partial
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 
-# The label of a name that the mission does not have.
+# The label for names that the mission does not have.
 OTHER = "other"
-# Upper bounds in seconds: from what nobody notices to what has a robot declared dead.
+# Upper bounds in seconds: from unnoticeable delays to those for which a robot is declared dead.
 DURATIONS_S = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
 
 class FamilyKind(enum.StrEnum):
-    """How a family's values are read. INFO: always 1; its labels carry the information."""
+    """The type of a family's values. INFO: always 1; its labels carry the information."""
 
     GAUGE = "gauge"
     COUNTER = "counter"
@@ -34,7 +34,7 @@ class FamilyKind(enum.StrEnum):
 
 
 class Distribution:
-    """Durations, counted by the bounds that they do not exceed."""
+    """A histogram of durations, counted by upper bound."""
 
     def __init__(self, bounds_s: tuple[float, ...] = DURATIONS_S) -> None:
         self.bounds_s = bounds_s
@@ -47,7 +47,7 @@ class Distribution:
         self.sum_s += seconds
 
     def buckets(self) -> list[tuple[str, float]]:
-        """(upper bound, number of durations not above it); the last bound is `+Inf`."""
+        """Return pairs of an upper bound and the number of durations up to it; last is `+Inf`."""
         found, so_far = [], 0
         names = (*map(repr, self.bounds_s), "+Inf")
         for name, count in zip(names, self.counts, strict=True):
@@ -78,7 +78,7 @@ def family(
     value: Value | Mapping[Labels, float],
     *labels: str,
 ) -> Family:
-    """A family of one sample, or with labels: values of the labels -> value, sorted."""
+    """Make a family of one sample, or of a mapping from label values to values, sorted."""
     samples = tuple(sorted(value.items())) if isinstance(value, Mapping) else (((), value),)
     return Family(kind, name, text, labels, samples)
 
@@ -89,22 +89,22 @@ gauge, counter, histogram = (
 
 
 def by_name(counts: Mapping[str, float], names: Iterable[str] | None = None) -> dict[Labels, float]:
-    """Values of one label; 0 for those of the `names` that are not counted."""
+    """Return samples with one label; a name of `names` without a count has the value 0."""
     return {(name,): float(counts.get(name, 0)) for name in (counts if names is None else names)}
 
 
 def robot_label(mission: Mission, name: str) -> str:
-    """A robot's name, if the mission lists it."""
+    """Return a robot's name if the mission lists it, else OTHER."""
     return name if name in mission.robots else OTHER
 
 
 def task_label(mission: Mission, local_task: str) -> str:
-    """The type of a local task, if the mission has it."""
+    """Return the type of a local task if the mission has it, else OTHER."""
     name = type_name(local_task)
     return name if name in mission.local_tasks else OTHER
 
 
-# Why messages are refused, in this order; what matches none of them is malformed.
+# Classes of refusals; the first match counts, and a reason that matches none is malformed.
 _CLASSES = (
     ("flood", r"too much to check"),
     ("replayed", r"said before"),
@@ -121,12 +121,12 @@ REASONS = (*dict.fromkeys(name for name, _ in _CLASSES), MALFORMED)
 
 
 def reason_class(reason: str) -> str:
-    """One of `REASONS`."""
+    """Return the class of a refusal, one of `REASONS`."""
     return next((name for name, text in _CLASSES if re.search(text, reason)), MALFORMED)
 
 
 def refusals_by_class(mission: Mission, refused: Mapping[str, int]) -> Counter[Labels]:
-    """(source, class) -> number of messages, from `AgentView.refused`."""
+    """Count refused messages by (source, class), from `AgentView.refused`."""
     found: Counter[Labels] = Counter()
     for text, count in refused.items():
         source, _, reason = text.partition(": ")

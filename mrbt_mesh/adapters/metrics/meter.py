@@ -35,7 +35,7 @@ from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 
 KINDS = {kind: kind.name.lower() for kind in MessageKind}
-# To a question or a command.
+# The kind of a reply to a query or a command.
 REPLY = "reply"
 
 
@@ -47,19 +47,19 @@ class Traffic:
         self.bytes: Counter[str] = Counter()
 
     def count(self, kind: str, data: bytes) -> None:
-        """One more message."""
+        """Count one message."""
         self.messages[kind] += 1
         self.bytes[kind] += len(data)
 
 
 class Meter:
-    """What one robot's process has counted since it began.
+    """The counts of one robot's process since it started.
 
     `claims`: facts about its work, by local task and phase; `outcomes`: by local task and result.
     `suspicions` and `deaths`: declared by this robot, by robot. `plan_s`, `lag_s` and `sync_s`:
     durations of planning, of the event loop's delays, of synced writes to the journal.
-    `started_s`: when the running local task began, on `time.monotonic`. `agreed_since_s`: Unix
-    time of the last change of whether it agrees with all robots.
+    `started_s`: when the running local task started, by `time.monotonic`. `agreed_since_s`: Unix
+    time at which agreement with all robots last began or ended.
     """
 
     def __init__(self, robot: str, mission: Mission) -> None:
@@ -83,7 +83,7 @@ class Meter:
     # -- what passes the driver ---------------------------------------------------------------
 
     def take(self, event: Input) -> None:
-        """An input that is handed to the agent."""
+        """Count an input that is passed to the agent."""
         if isinstance(event, MessageReceived):  # most are
             self.received.count(KINDS[event.kind], event.data)
         elif isinstance(event, InputBatch):
@@ -95,7 +95,7 @@ class Meter:
             self.received.count(REPLY, event.data)
 
     def carry_out(self, effect: Effect) -> None:
-        """An effect that the driver carries out."""
+        """Count an effect that the driver carries out."""
         if isinstance(effect, Publish):  # most are
             self.sent.count(KINDS[effect.kind], effect.data)
             return
@@ -105,7 +105,7 @@ class Meter:
             case Reply(_, pages):
                 for page in pages:
                     self.sent.count(REPLY, page)
-            # All facts once more, for a journal that was lost, are of several batches.
+            # Entries of several versions are all facts written again after the journal was lost.
             case Persist(entries) if len({entry.version for entry in entries}) == 1:
                 for entry in entries:
                     if entry.author == self.robot:
@@ -137,7 +137,7 @@ class Meter:
     # -- what is looked at regularly ----------------------------------------------------------
 
     def look(self, lag_s: float, agrees: bool) -> None:
-        """Note by how much the event loop was late, and whether all robots agree with this one."""
+        """Note the delay of the event loop, and whether all robots agree with this one."""
         self.lag_s.observe(max(0.0, lag_s))
         if agrees is not self._agrees:
             self._agrees = agrees
@@ -146,7 +146,7 @@ class Meter:
     # -- plans --------------------------------------------------------------------------------
 
     def timed(self, engine: Engine) -> Engine:
-        """The same engine, with each plan timed."""
+        """Return the same engine, but measuring the time of each plan."""
 
         def timed_planning(solver: Solver) -> PlanFunction:
             make_plan = engine.plan_making(solver)

@@ -1,4 +1,4 @@
-"""The pages for Prometheus: one robot with the team as it sees it, and a team as it is observed."""
+"""The pages for Prometheus: one robot with its view of the team, and a team as observed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _REQUESTS = "Requests of T_G: served, waiting for busy robots, or blocked for la
 
 
 def robot_page(view: AgentView, meter: Meter) -> list[Family]:
-    """All families of one robot; call it in the event loop."""
+    """Return all families of one robot. Must be called in the event loop."""
     return [*_itself(view, meter), *_work(view, meter), *_team(view, meter), *_traffic(view, meter)]
 
 
@@ -86,12 +86,12 @@ def _work(view: AgentView, meter: Meter) -> Iterator[Family]:
 
 
 def _one_of(status: Status | None) -> dict[Labels, float]:
-    """1 for this status, 0 for the others."""
+    """Return 1 for this status and 0 for every other one."""
     return by_name({(status or Status.IDLE).name.lower(): 1.0}, STATUSES)
 
 
 def _requests(plan: Plan | None) -> dict[Labels, float]:
-    """How many requests are served, waiting and blocked."""
+    """Count the requests that are served, waiting and blocked."""
     waiting = plan.waiting if plan is not None else ()
     blocked = sum(each.is_blocked for each in waiting)
     served = len(plan.evaluation.requests) - len(waiting) if plan is not None else 0
@@ -140,7 +140,7 @@ def _traffic(view: AgentView, meter: Meter) -> Iterator[Family]:
 
 
 def team_page(observer: Observer) -> list[Family]:
-    """All families of a team as an observer sees it; call it in the event loop."""
+    """Return all families of a team as an observer sees it. Must be called in the event loop."""
     return [*_team_robots(observer), *_team_mission(observer), *_team_faults(observer)]
 
 

@@ -1,4 +1,4 @@
-"""Metrics for Prometheus as a plug-in of the mesh (`plugins.Metrics`)."""
+"""Prometheus metrics as a plug-in (`plugins.Metrics`)."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from mrbt_mesh.plugins import MetricsAddress
 
 
 class ServedMeter(Meter):
-    """The meter of one robot, which serves it at an address."""
+    """The meter of one robot, served at an address."""
 
     def __init__(self, robot: str, mission: Mission, address: MetricsAddress) -> None:
         super().__init__(robot, mission)
         self._address = address
 
     def serving(self, view: AgentView) -> AbstractContextManager[int]:
-        """Serve the robot's page; call it in its event loop. Raises InputError."""
+        """Serve the robot's page. Must be called in its event loop. Raises InputError."""
         return _serving(self._address, partial(robot_page, view, self))
 
 
@@ -38,22 +38,22 @@ class PrometheusMetrics:
     """Implements `plugins.Metrics`."""
 
     def check(self) -> None:
-        """Raise InputError without the library."""
+        """Raise InputError if the library is missing."""
         require_library()
 
     def meter(self, robot: str, mission: Mission, address: MetricsAddress) -> ServedMeter:
-        """The meter of one robot. Raises InputError without the library."""
+        """Return the meter of one robot. Raises InputError if the library is missing."""
         require_library()
         return ServedMeter(robot, mission, address)
 
     def serving_team(
         self, observer: Observer, address: MetricsAddress
     ) -> AbstractContextManager[int]:
-        """Serve a team's page; call it in the event loop. Raises InputError."""
+        """Serve a team's page. Must be called in the event loop. Raises InputError."""
         return _serving(address, partial(team_page, observer))
 
     def team_page(self, observer: Observer, accept: str) -> tuple[bytes, str]:
-        """A team's page for a request with this `Accept` header, and its content type."""
+        """Return a team's page for this `Accept` header, and its content type."""
         return written(partial(team_page, observer), accept)
 
 

@@ -1,8 +1,8 @@
 """Serves families to Prometheus over HTTP, as OpenMetrics or in Prometheus' text format.
 
-A thread of its own writes the page; its values are read in the event loop, where nothing changes
-meanwhile. One request is answered at a time, and a slow one is cut off, so that requests never
-delay the robot.
+A separate thread writes the page; its values are read in the event loop, so they do not change
+meanwhile. Requests are answered one at a time, and a slow one is cut off, so that they never delay
+the robot.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 LOOP_TIMEOUT_S = 2.0
 REQUEST_TIMEOUT_S = 2.0
-# For a client that sends or reads slowly; long enough for a page that waits for the loop.
+# Limit for a client that sends or reads slowly; long enough for a page that waits for the loop.
 WHOLE_REQUEST_S = LOOP_TIMEOUT_S + REQUEST_TIMEOUT_S
-# How often the server looks whether it is to end.
+# How often the server checks whether it should stop.
 END_LOOK_S = 0.1
 RESPONDS = "mrbt_event_loop_responds"
 
@@ -39,13 +39,13 @@ ReadFamilies = Callable[[], list[Family]]
 
 
 def read_in_loop(loop: asyncio.AbstractEventLoop, read: ReadFamilies) -> list[Family]:
-    """Call `read` in the loop, from another thread; adds whether the loop answered in time."""
+    """Call `read` in the loop, from another thread; add whether the loop answered in time."""
     answer: concurrent.futures.Future[list[Family]] = concurrent.futures.Future()
 
     def call() -> None:
         try:
             answer.set_result(read())
-        except Exception as error:  # it is raised in the thread that waits
+        except Exception as error:  # raised in the waiting thread
             answer.set_exception(error)
 
     found: list[Family] = []
@@ -53,14 +53,14 @@ def read_in_loop(loop: asyncio.AbstractEventLoop, read: ReadFamilies) -> list[Fa
         loop.call_soon_threadsafe(call)
         found = answer.result(LOOP_TIMEOUT_S)
         responds = True
-    except (TimeoutError, RuntimeError):  # it hangs, or has ended
+    except (TimeoutError, RuntimeError):  # the loop hangs, or has ended
         responds = False
     text = f"Whether the event loop answered within {LOOP_TIMEOUT_S:g} s."
     return [gauge(RESPONDS, text, float(responds)), *found]
 
 
 def metrics_app(read: ReadFamilies) -> WSGIApplication:
-    """A web page for Prometheus. Raises InputError without the library."""
+    """Return a WSGI application for Prometheus. Raises InputError if the library is missing."""
     registry = _registry(read)
     from prometheus_client import make_wsgi_app
 
@@ -68,9 +68,9 @@ def metrics_app(read: ReadFamilies) -> WSGIApplication:
 
 
 def written(read: ReadFamilies, accept: str) -> tuple[bytes, str]:
-    """(page, its content type) for a request with this `Accept` header.
+    """Return the page for this `Accept` header, and its content type.
 
-    Raises InputError without the library.
+    Raises InputError if the library is missing.
     """
     registry = _registry(read)
     from prometheus_client.exposition import choose_encoder
@@ -80,7 +80,7 @@ def written(read: ReadFamilies, accept: str) -> tuple[bytes, str]:
 
 
 def require_library() -> None:
-    """Raise InputError without the library."""
+    """Raise InputError if the library is missing."""
     require("Prometheus", "metrics", "prometheus_client")
 
 
@@ -90,7 +90,7 @@ def _registry(read: ReadFamilies) -> CollectorRegistry:
 
     class Collector:
         def describe(self) -> Iterable[Metric]:
-            return ()  # otherwise the registry reads everything once before the first request
+            return ()  # otherwise the registry would collect once when it registers this
 
         def collect(self) -> Iterator[Metric]:
             return map(_metric, read())
@@ -133,7 +133,7 @@ class _Handler(WSGIRequestHandler):
 
 class _Server(WSGIServer):
     def server_bind(self) -> None:
-        # As in the base class, but without a look-up of its own name in the domain name system.
+        # As in the base class, but without a DNS look-up of the host's name.
         socketserver.TCPServer.server_bind(self)
         self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
         self.setup_environ()
@@ -148,7 +148,7 @@ class _Server(WSGIServer):
             timer.cancel()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        pass  # the client has gone or was cut off
+        pass  # the client has disconnected or was cut off
 
 
 def _cut_off(connection: socket.socket) -> None:

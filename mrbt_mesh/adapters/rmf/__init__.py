@@ -1,4 +1,4 @@
-"""Open-RMF's task API, as a fleet adapter speaks it: robots and jobs, and requests for them.
+"""Open-RMF's task API from a fleet adapter's side: sends robots and jobs, answers requests.
 
 `schemas/` is from rmf_api_msgs (Apache-2.0).
 """

@@ -1,4 +1,4 @@
-"""How the websocket of an Open-RMF server is opened: its address, its redirects, its limits."""
+"""Opens the websocket of an Open-RMF server: address, redirects, limits."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from websockets.uri import parse_uri
 
 from mrbt_mesh.errors import InputError
 
-# A request that is longer is refused; a message that is longer than the second one ends the
-# connection, since it would have to be in memory as a whole to be skipped.
+# A longer request is refused. A message longer than MAX_MESSAGE_BYTES ends the connection, since
+# it would have to be read into memory completely to be skipped.
 MAX_REQUEST_BYTES = 1 << 20
 MAX_MESSAGE_BYTES = 16 << 20
-# The library stops reading from the socket while more frames than this wait to be handled: a frame
-# may be as large as a message.
+# The library stops reading from the socket while more frames than this are waiting; a frame may be
+# as large as a message.
 MAX_QUEUE = 1
 EXAMPLE = "ws://127.0.0.1:8000/_internal"
 
 
 class RedirectError(InvalidHandshake):
-    """The server sends its clients to an address where no websocket can be."""
+    """The server redirects to an address that cannot be a websocket's."""
 
 
 class RmfConnection(connect):
-    """Opens a connection. Where a redirect leads is the server's fault, and never the user's."""
+    """Opens a connection. A bad redirect is reported as the server's error, not the user's."""
 
     def __init__(self, uri: str) -> None:
         super().__init__(uri, proxy=None, max_size=MAX_MESSAGE_BYTES, max_queue=MAX_QUEUE)
 
     def process_redirect(self, exc: Exception) -> Exception | str:
-        """The address that a redirect leads to, or the exception that the attempt ends with."""
+        """Return the address of a redirect, or the exception that ends the attempt."""
         try:
             return super().process_redirect(exc)
         except (InvalidURI, ValueError, LookupError) as error:
@@ -46,7 +46,7 @@ class RmfConnection(connect):
 
 
 def check_uri(option: str, uri: str) -> None:
-    """Raises InputError for the value of an option that can be no websocket's URI."""
+    """Raise InputError if the value of an option cannot be a websocket's URI."""
     try:
         if not uri.startswith(("ws://", "wss://")):
             raise ValueError("")
@@ -62,5 +62,5 @@ def check_uri(option: str, uri: str) -> None:
 
 
 def why_wrong(error: Exception) -> str:
-    """What is wrong with a URI, in few words."""
+    """Return a short text of what is wrong with a URI."""
     return error.msg if isinstance(error, InvalidURI) else str(error)

@@ -1,8 +1,8 @@
-"""Requests that are answered in their order, although one of them may wait for long.
+"""Answers requests in their order, although one of them may take long.
 
-An answer does not say to which request it belongs, so they go out in order. Each request begins
-once the one before it is done, so that of two tasks the one dispatched first is the earlier one;
-behind one that waits for robots the next ones begin all the same, and are done when its turn is.
+An answer does not name its request, so answers are sent in order. Each request starts once the
+previous one is done, so that tasks are created in the order of their dispatch. If a request waits
+for robots, the next ones start nevertheless, and their answers are ready when it is answered.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import anyio
 from anyio.abc import TaskGroup
 
-# Behind one that takes longer the next one begins.
+# After this time the next request starts, even if the previous one is not done.
 PATIENCE_S = 0.2
 MOST_AT_ONCE = 32
 _Request = TypeVar("_Request")
@@ -22,8 +22,9 @@ _Answer = TypeVar("_Answer")
 
 
 class RequestsInOrder(Generic[_Request, _Answer]):
-    """The requests of one connection. What has begun in `group` is finished, whatever becomes of
-    the connection.
+    """The requests of one connection.
+
+    Requests that have started in `group` are finished even if the connection ends.
     """
 
     def __init__(
@@ -32,12 +33,12 @@ class RequestsInOrder(Generic[_Request, _Answer]):
         self._group = group
         self._carry_out = carry_out
         self._places = anyio.Semaphore(MOST_AT_ONCE)
-        # What is to be answered, the next one first: empty until it is done.
+        # The answers of open requests in order; an answer is an empty list until it is ready.
         self._answers: deque[list[_Answer]] = deque()
         self._changed = anyio.Event()
 
     async def take(self, request: _Request) -> None:
-        """Begin a request; returns when the next one may."""
+        """Start a request; returns when the next one may start."""
         await self._places.acquire()
         answer: list[_Answer] = []
         self._answers.append(answer)
@@ -53,7 +54,7 @@ class RequestsInOrder(Generic[_Request, _Answer]):
             await is_done.wait()
 
     async def answers(self) -> AsyncIterator[_Answer]:
-        """The answers in the order of their requests; never ends."""
+        """Yield the answers in the order of their requests; never ends."""
         while True:
             while self._answers and self._answers[0]:
                 (answer,) = self._answers.popleft()

@@ -1,7 +1,7 @@
-"""A team's connection to an Open-RMF server: updates go out, and requests are answered.
+"""A team's connection to an Open-RMF server: sends updates and answers requests.
 
-As with RMF's own fleet adapters, the fleet is the client of a websocket, and sends JSON texts. On
-the same connection requests of the task API are taken, and answered in their order.
+Like RMF's own fleet adapters, the fleet is the client of a websocket and sends JSON texts. Requests
+of the task API arrive on the same connection and are answered in order.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.views.model.changes import ChangeLog
 
 RETRY_S = 1.0
-# Robots move all the time; tasks are sent at once.
+# Period of fleet states (robots move all the time); tasks are checked for changes more often.
 FLEET_S, LOOK_S = 1.0, 0.1
 
 
@@ -36,8 +36,10 @@ class RmfLink:
     """Keeps one server up to date, and connects again whenever the connection ends."""
 
     def __init__(self, client: TeamClient, changes: ChangeLog, uri: str, fleet: str = "") -> None:
-        """`changes`: those of a `TeamView`, which is kept up to date elsewhere. `fleet`: the name
-        of the fleet; empty: that of the mission, which is the same in each run.
+        """Make a link to the server `uri`.
+
+        `changes`: those of a `TeamView`, which is kept up to date elsewhere. `fleet`: the name of
+        the fleet; empty: the mission's name, which is the same in each run.
         """
         watcher = client.watcher
         self._client, self._observer = client, watcher.observer
@@ -54,8 +56,9 @@ class RmfLink:
         self._wrong = 0
 
     async def run(self) -> None:
-        """Never returns. What a server or this program does wrong ends a connection, and nothing
-        else of the process.
+        """Keep the connection; never returns.
+
+        An error of the server or of this program ends a connection, but not the process.
         """
         said = ""
         while self._changes.version == 0:
@@ -70,7 +73,7 @@ class RmfLink:
                 await anyio.sleep(RETRY_S)
 
     async def _connect(self, group: TaskGroup) -> str:
-        """One connection, until it ends; why it has ended, or why there was none."""
+        """Open one connection and serve it. Returns why it ended, or why it was not opened."""
         try:
             async with RmfConnection(self._uri) as connection:
                 return await self._serve(connection, group)
@@ -81,7 +84,7 @@ class RmfLink:
             return f"an error of mrbt serve: {type(error).__name__}"
 
     async def _follow(self) -> None:
-        """Keep the states of tasks up to date, also without a connection."""
+        """Keep the states of tasks up to date, even without a connection."""
         while True:
             try:
                 self._look()
@@ -90,7 +93,7 @@ class RmfLink:
             await anyio.sleep(LOOK_S)
 
     def _look(self) -> None:
-        """Take in what has changed."""
+        """Process the changes since the last call."""
         items = self._changes.since(self._version)
         self._version = self._changes.version
         for key, row in items.items():
@@ -110,7 +113,7 @@ class RmfLink:
         self._api.touched.clear()
 
     async def _serve(self, connection: ClientConnection, group: TaskGroup) -> str:
-        """Until the connection ends; why it has. Requests are carried out in `group`."""
+        """Serve a connection. Returns why it ended. Requests are carried out in `group`."""
         requests = RequestsInOrder(group, self._api.answer)
         why = "the connection has ended"
         async with anyio.create_task_group() as sending:
@@ -143,7 +146,7 @@ class RmfLink:
             _say(f"wrong message number {self._wrong} from {self._uri}: {wrong}")
 
     async def _send_updates(self, connection: ClientConnection) -> None:
-        """Everything, and then what changes."""
+        """Send the complete state, and then changes."""
         sent: dict[str, dict[str, Any]] = {}
         logged: dict[str, int] = {}
         next_s = 0.0

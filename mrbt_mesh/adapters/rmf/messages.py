@@ -1,6 +1,6 @@
-"""A team in the messages of rmf_api_msgs: pure functions from what is known to plain data.
+"""Describes a team in messages of rmf_api_msgs: pure functions that return plain data.
 
-A job is a task, its type the task's category, and its arguments the description.
+A job is a task; its type is the task's category, and its arguments are the description.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.job_types import arguments_schema, job_types
 
-# `expired` has no counterpart: the log says it.
+# `expired` has no counterpart: the log tells it.
 STATUS = {
     WAITING: "queued",
     HELD: "standby",
@@ -30,18 +30,18 @@ STATUS = {
     "expired": "failed",
 }
 OPEN = (WAITING, HELD, RUNNING)
-# The entry of the blackboard, `per: robot`, that is the charge of a robot's battery.
+# The `per: robot` entry of the blackboard that holds the charge of a robot's battery.
 BATTERY = "battery"
 MOST_LINES = 100
 
 
 @dataclass
 class TaskHistory:
-    """What this program has seen and done of one job; times are Unix times in ms.
+    """What this program knows about one job besides its state; times are Unix times in ms.
 
-    `labels`, `priority`, `requested_ms`: those it was dispatched with. `cancelled`: when a client
-    asked for its cancellation, and its labels. `interruptions`: tokens of those that are not
-    discarded. `log`: the newest entries.
+    `labels`, `priority`, `requested_ms`: given when the job was dispatched. `cancelled`: when a
+    client requested its cancellation, and the labels of that request. `interruptions`: tokens of
+    interruptions that are not resumed. `log`: the newest entries.
     """
 
     labels: list[str] = field(default_factory=list)
@@ -53,7 +53,7 @@ class TaskHistory:
     count: int = 0
 
     def follow(self, row: Mapping[str, Any], now_ms: int) -> None:
-        """Note a change of the job."""
+        """Add a log entry for a change of the job."""
         state = row["state"]
         text = ": ".join(filter(None, (state, row["why"] or ", ".join(row["robots"]))))
         if not self.log or self.log[-1]["text"] != text:
@@ -64,8 +64,9 @@ class TaskHistory:
 
 
 def task_state(row: Mapping[str, Any], history: TaskHistory, fleet: str) -> dict[str, Any]:
-    """A `task_state` of a row, a JobRow as a mapping. RMF assigns a task to one robot: the first
-    of those that work on it.
+    """Return the `task_state` of a row, a JobRow as a mapping.
+
+    RMF assigns a task to one robot: this is the first robot that works on it.
     """
     priority = history.priority
     if priority is None and row["priority"] is not None:
@@ -106,21 +107,21 @@ def task_state(row: Mapping[str, Any], history: TaskHistory, fleet: str) -> dict
 
 
 def last_state(told: Mapping[str, Any], state: str) -> dict[str, Any]:
-    """The last state of a task that ended so long ago that robots keep little more than that.
+    """Return the last state of a task that ended so long ago that robots keep little about it.
 
-    `told`: its state as it was sent before. `state`: how it ended. Where nobody has kept that, the
-    task is an `error`: to call it completed would be a guess.
+    `told`: its state as sent before. `state`: how it ended. If no robot has kept that, the task has
+    the status `error`, because calling it completed would be a guess.
     """
     return {**told, "status": STATUS.get(state, "error")}
 
 
 def task_log(name: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """A `task_log` of a job."""
+    """Return the `task_log` of a job."""
     return {"task_id": name, "log": list(entries)}
 
 
 def fleet_state(observer: Observer, fleet: str, now_ms: int) -> dict[str, Any]:
-    """A `fleet_state`: the team is one fleet, its mission's name that of its map."""
+    """Return the `fleet_state`: the team is one fleet; its map is named after the mission."""
     robots = {robot: _robot(observer, robot, now_ms) for robot in observer.robots()}
     return {"name": fleet, "robots": robots}
 
@@ -155,7 +156,7 @@ def _robot(observer: Observer, robot: str, now_ms: int) -> dict[str, Any]:
 
 
 def charge(observer: Observer, robot: str) -> float | None:
-    """The robot's entry `battery` of the blackboard, as a part of the most that it may be."""
+    """Return the robot's blackboard entry `battery` as a fraction of its maximum, or None."""
     mission = observer.mission
     kind = mission.conditions[BATTERY].values if BATTERY in mission.per_robot else None
     if kind is None or not kind.is_number or kind.high <= 0:
@@ -165,9 +166,9 @@ def charge(observer: Observer, robot: str) -> float | None:
 
 
 def discovered_tasks(mission: Mission, fleet: str) -> dict[str, Any]:
-    """The answer to a `task_discovery_request`: a task for each type of jobs.
+    """Return the answer to a `task_discovery_request`: one task for each job type.
 
-    The published schema has `description_schema` and requires `schema`: both are given.
+    The published schema defines `description_schema` but requires `schema`: both are given.
     """
     tasks = []
     for kind in job_types(mission):
@@ -180,6 +181,6 @@ def discovered_tasks(mission: Mission, fleet: str) -> dict[str, Any]:
 
 
 def failure(code: int, detail: str) -> dict[str, Any]:
-    """The answer to a request that was not carried out; `code`: as of HTTP."""
+    """Return the answer to a request that was not carried out; `code` is an HTTP status code."""
     error = {"code": code, "category": HTTPStatus(code).phrase, "detail": detail}
     return {"success": False, "errors": [error]}

@@ -1,7 +1,7 @@
-"""Errors of this program that a connection or a request meets.
+"""Reports errors of this program that occur in a connection or a request.
 
-The first of a kind is shown with its traceback, the others are counted, so that a server that asks
-again and again fills no log.
+The first error of a kind is shown with its traceback, later ones are only counted, so that a server
+that repeats a request does not fill the log.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from collections import Counter
 
 import click
 
-# A count is said when it reaches one of these.
+# A count is reported when it reaches one of these.
 WARNED_AT = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 
 
 class OwnErrors:
-    """Reports on stderr. Errors of one type that come from one line of code are one kind."""
+    """Reports to stderr. Errors of the same type from the same line of code are of one kind."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._counts: Counter[tuple[type[BaseException], str, int]] = Counter()
 
     def report(self, error: Exception) -> None:
-        """Say that an error of this program has been caught."""
+        """Report an error of this program that was caught."""
         raised = traceback.extract_tb(error.__traceback__)[-1:]
         file, line = next(((at.filename, at.lineno or 0) for at in raised), ("", 0))
         kind = type(error), file, line

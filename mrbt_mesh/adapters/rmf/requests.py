@@ -1,4 +1,4 @@
-"""Requests of Open-RMF's task API, carried out by a team; each is answered, also a wrong one."""
+"""Carries out requests of Open-RMF's task API; every request is answered, even an invalid one."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ SCHEMAS = Path(__file__).with_name("schemas")
 # A label that gives the id of a job, so that a repeated request is the same job.
 ID_LABEL = "id="
 MAX_SHOWN = 300
-# What jobs call `not_before`.
+# The name in requests for a job's `not_before`.
 EARLIEST = "unix_millis_earliest_start_time"
-# Of all labels of a task together, in characters: each state that is sent repeats them.
+# Total characters of a task's labels, which are limited because each state repeats them.
 MAX_LABELS = 4_096
 MAX_UNIX_MS = (1 << 53) // 1_000
-# Of one task, that are not discarded.
+# Open interruptions of one task.
 MAX_INTERRUPTIONS = 100
 TOKEN_BYTES = 8
-# The schema of this type has it misspelt; both spellings are answered.
+# The schema misspells this type; both spellings are answered.
 _ACTIVITIES, _ACTIVITIES_MISSPELT = "activity_discovery_request", "activitiy_discovery_request"
 
 
 class InvalidRequestError(Exception):
-    """A request is not as its schema says, or asks for what there is not; `code`: as of HTTP."""
+    """A request violates its schema, or asks for something invalid; `code`: HTTP status code."""
 
     def __init__(self, text: str, code: int = 422) -> None:
         super().__init__(text)
@@ -62,8 +62,10 @@ class InvalidRequestError(Exception):
 
 
 class TaskApi:
-    """Answers requests. `histories`: what is known of each job beside its state, by its id, and
-    `touched`: those of which requests have changed that.
+    """Answers requests.
+
+    `histories`: what is known about each job besides its state, by id. `touched`: the jobs whose
+    history was changed by requests.
     """
 
     def __init__(
@@ -75,7 +77,7 @@ class TaskApi:
         self._fleet = fleet
         self._now_ms = now_ms
         self._own_errors = own_errors
-        # Requests about one task take turns.
+        # Requests about the same task are carried out one at a time.
         self._turns: WeakValueDictionary[str, anyio.Lock] = WeakValueDictionary()
         self._answers: dict[str, Callable[[Any], Awaitable[dict[str, Any]]]] = {
             "dispatch_task_request": self._dispatch,
@@ -91,8 +93,9 @@ class TaskApi:
         }
 
     async def answer(self, text: str | bytes) -> tuple[dict[str, Any], str]:
-        """The response to a request, and what is wrong with it; empty: nothing. What one request
-        does ends that request alone.
+        """Return the response to a request, and what is wrong with the request, or "".
+
+        An error ends only this request.
         """
         try:
             request = self._read(text)
@@ -104,13 +107,13 @@ class TaskApi:
             return failure(STATUS_OF_CAUSE.get(error.cause, 422), str(error)), ""
         except TimeoutError as error:
             return failure(504, str(error)), ""
-        except Exception as error:  # an error of this program: others go on to use it
+        except Exception as error:  # an error of this program: other requests continue
             self._own_errors.report(error)
             detail = "an error of mrbt serve, of which its stderr has more"
             return failure(500, detail), f"{type(error).__name__}: {error}"
 
     def _turn(self, request: Mapping[str, Any]) -> anyio.Lock:
-        """Held while a request about a task is carried out; one that names no task has its own."""
+        """Return the lock of the task that a request names; without a task, a new lock."""
         asked = request.get("request")
         named = _ids(asked.get("labels", [])) if isinstance(asked, dict) else []
         name = next(iter(named), request.get("task_id", request.get("for_task")))
@@ -118,7 +121,7 @@ class TaskApi:
         return self._turns.setdefault(name, lock) if isinstance(name, str) else lock
 
     def _read(self, text: str | bytes) -> dict[str, Any]:
-        """A request that is valid by the schema of its type."""
+        """Parse a request and check it by the schema of its type. Raises InvalidRequestError."""
         size = len(text) if isinstance(text, bytes) else len(text.encode(errors="surrogatepass"))
         if size > MAX_REQUEST_BYTES:
             raise InvalidRequestError(
@@ -177,7 +180,7 @@ class TaskApi:
             history.requested_ms = round(1_000 * requested.timestamp())
         row = self._client.job(job.id)
         if row is None or row.state not in STATUS:
-            # The robots have it, and this program will hear of it in a moment.
+            # The robots have the job, but this program has not received it yet.
             named = named_arguments(types, kind, arguments)
             usual = types[kind].priority if priority is None else priority
             row = JobRow(job.id, kind, named, WAITING, "", usual, (), operator)
@@ -233,7 +236,7 @@ class TaskApi:
         return {"success": True}
 
     def _interruptions(self, name: str) -> set[str]:
-        """The tokens of those that are not discarded."""
+        """Return the tokens of a task's open interruptions."""
         return self.histories[name].interruptions if name in self.histories else set()
 
     async def _discover(self, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -257,9 +260,9 @@ class TaskApi:
         return self._client.watcher.observer.mission.jobs
 
     def _priority(self, given: Mapping[str, Any] | None) -> int | None:
-        """The priority of a job; None: as its type says.
+        """Return the priority of a job; None: that of its type.
 
-        A `binary` one is what rmf-web sends: 0 is as usual, 1 before all that is.
+        rmf-web sends a `binary` priority: 0 is the usual one, 1 is above those of all job types.
         """
         if given is None:
             return None
@@ -285,13 +288,13 @@ def _labels(message: Mapping[str, Any]) -> list[str]:
 
 
 def _ids(labels: Iterable[Any]) -> list[str]:
-    """The ids that labels give."""
+    """Return the ids that labels contain."""
     texts = (each for each in labels if isinstance(each, str))
     return [each.removeprefix(ID_LABEL) for each in texts if each.startswith(ID_LABEL)]
 
 
 def _id(labels: list[str]) -> str:
-    """The id that labels give a task; empty: none."""
+    """Return the id that labels give a task, or "". Raises InvalidRequestError."""
     named = sorted({*_ids(labels)})
     if "" in named:
         raise InvalidRequestError(f"labels: no id stands behind {ID_LABEL!r}")
@@ -302,7 +305,7 @@ def _id(labels: list[str]) -> str:
 
 
 def _time(name: str, request: Mapping[str, Any]) -> datetime | None:
-    """A time of a request; 0 means that there is none."""
+    """Return a time of a request; None if it is missing or 0. Raises InvalidRequestError."""
     unix_ms = request.get(name)
     if not unix_ms:
         return None

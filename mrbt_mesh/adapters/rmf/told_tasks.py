@@ -1,5 +1,7 @@
-"""The tasks that a server was told are open, on disk: it hears how each has ended, also if that was
-while this program did not run, so long ago that the robots keep little of it, or in another run.
+"""Keeps the tasks that a server was told are open, on disk, so that it learns how each has ended.
+
+This works even if a task ended while this program was not running, so long ago that the robots keep
+little about it, or in another run.
 """
 
 from __future__ import annotations
@@ -18,27 +20,31 @@ from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import state_dir, write_atomically
 
 _OPEN_STATUSES = frozenset(STATUS[state] for state in OPEN)
-# The file is written anew once it has this many lines more than twice those that it needs.
+# The file is rewritten once it has this many lines more than twice the number it needs.
 SPARE_LINES = 1_000
-# Files of servers that nobody has connected to for so long are removed.
+# Files that have not been written for this long are removed.
 UNUSED_S = 90 * 86_400
 
 
 class ToldTasks:
-    """Id -> the state in which a task was told to be open. A line of the file is such a state, or
-    the id of a task that has ended. While there can be no file it is kept in memory alone.
+    """The states in which tasks were reported as open, by id.
+
+    A line of the file is such a state, or the id of a task that has ended. If there can be no file,
+    the states are kept in memory only.
     """
 
     def __init__(self, about: str, warn: Callable[[str], object]) -> None:
-        """`about`: what makes it another server or fleet; of the next run it is the same, whose
-        tasks of the same ids are the same ones for the server. `warn` gets a sentence when the file
-        cannot be kept, once, and when it was damaged.
+        """Read the file of a server and fleet, which `about` identifies.
+
+        `about` is the same in the next run: for the server, tasks with the same ids are the same
+        tasks. `warn` is called with a sentence, once if the file cannot be kept, and if it was
+        damaged.
         """
         self._warn = warn
         self._has_warned = False
         self._open: dict[str, dict[str, Any]] = {}
         self._lines = 0
-        # Whether the file has all that it should have, as far as was written without an error.
+        # True if the file is complete: nothing is missing because of an error.
         self._is_whole = True
         try:
             folder = state_dir() / "rmf"
@@ -72,19 +78,19 @@ class ToldTasks:
         self._bring_up_to_date("")
 
     def will_send(self, state: dict[str, Any]) -> None:
-        """A `task_state` is about to be sent: from now on the server may believe a task open."""
+        """Note that a `task_state` will be sent: from now on, the server may take it as open."""
         name = state["booking"]["id"]
         if state["status"] in _OPEN_STATUSES and name not in self._open:
             self._note(state)
 
     def has_sent(self, state: dict[str, Any]) -> None:
-        """A `task_state` was sent: if it is an end, the server has been told."""
+        """Note that a `task_state` was sent: if the task has ended, the server knows it now."""
         name = state["booking"]["id"]
         if state["status"] not in _OPEN_STATUSES and name in self._open:
             self._note(name)
 
     def not_among(self, known: Container[str]) -> list[dict[str, Any]]:
-        """Those of which the rows of jobs say nothing any more."""
+        """Return the states of open tasks that are not in `known`."""
         return [state for name, state in self._open.items() if name not in known]
 
     def _note(self, told: Any) -> None:
@@ -99,7 +105,7 @@ class ToldTasks:
             self._open[str(told["booking"]["id"])] = told
 
     def _bring_up_to_date(self, line: str) -> None:
-        """Add a line to the file; write it anew where it lacks more, or has grown too long."""
+        """Append a line to the file; rewrite the file if it is incomplete or too long."""
         if self._path is None:
             return
         try:
@@ -128,7 +134,7 @@ class ToldTasks:
 
 
 def _remove_unused(folder: Path) -> None:
-    """Of each server that was ever connected to there is a file as long as it has open tasks."""
+    """Remove old files: each server has one as long as it has open tasks."""
     oldest_s = time.time() - UNUSED_S
     for path in folder.glob("*.jsonl"):
         with contextlib.suppress(OSError):

@@ -1,11 +1,11 @@
-"""Robots of ROS 2: a robot program that is made of a binding file.
+"""ROS 2 robots: makes a robot program from a binding file.
 
     from mrbt_mesh.adapters.ros2 import robot_program
 
     robot = robot_program("ros2.yaml")     # next to this file, or an absolute path
 
-Local tasks become actions, services and topics; conditions come from topics. rclpy is in a process
-of its own, under a Python of its own. docs/how-to/ros2.md has the form of the file.
+Local tasks become actions, services and topics; conditions come from topics. rclpy runs in a
+process of its own, with its own Python. docs/how-to/ros2.md describes the file.
 """
 
 from mrbt_mesh.adapters.ros2.program import robot_program

@@ -1,4 +1,4 @@
-"""The binding file: which actions, services and topics of ROS 2 local tasks and conditions are.
+"""The binding file: maps local tasks and conditions to actions, services and topics of ROS 2.
 
 docs/how-to/ros2.md explains the keys; `mrbt new --ros2` writes one.
 """
@@ -33,7 +33,7 @@ from mrbt_mesh.formats.file_model import FileModel, Name, RobotName
 from mrbt_mesh.formats.problems import SourcePath
 from mrbt_mesh.formats.tree_model import TREE_EXPLAINED, CallText
 
-# Replaces the file's Python, so that one file serves robots and tests.
+# Overrides the file's Python, so that robots and tests can use the same file.
 PYTHON_VARIABLE = "MRBT_ROS2_PYTHON"
 # The Python for which the packages of a ROS installation are made.
 DEFAULT_PYTHON = "/usr/bin/python3"
@@ -74,7 +74,7 @@ Body: TypeAlias = dict[str, JsonValue]
 Expression: TypeAlias = Annotated[MessageExpression, PlainValidator(_compiled)]
 Truth: TypeAlias = Annotated[bool | MessageExpression, PlainValidator(_truth)]
 
-# The key of a local task that names its server, the kind of its type, the key of its message.
+# For each kind of server: the key that names it, the kind of its type, the key of its message.
 _SERVERS: tuple[tuple[str, Kind, str], ...] = (
     ("action", "action", "goal"),
     ("service", "srv", "request"),
@@ -129,7 +129,7 @@ class PositionBinding(ReadTopic):
 
 @dataclass(frozen=True)
 class FilledBinding:
-    """A ground local task: the messages, and the conditions that it sets."""
+    """A ground local task: its messages, and the conditions that it sets."""
 
     body: Any
     on_cancel: Any
@@ -157,28 +157,28 @@ class TaskBinding(BoundTask):
 
     @property
     def servers(self) -> list[tuple[str, Kind, str]]:
-        """Of `_SERVERS` those that are given; exactly one once the file is checked."""
+        """The entries of `_SERVERS` that are given; exactly one in a checked file."""
         return [each for each in _SERVERS if getattr(self, each[0]) is not None]
 
     @property
     def kind(self) -> Kind:
-        """The kind of its type."""
+        """The kind of the task's type."""
         return self.servers[0][1]
 
     @property
     def name(self) -> str:
-        """The server's name in ROS, with `$name`."""
+        """The server's ROS name, with `$name` not yet replaced."""
         return str(getattr(self, self.servers[0][0]))
 
     @property
     def body(self) -> Body:
-        """The message that is sent to it, with `$name`."""
+        """The message sent to the server, with `$name` not yet replaced."""
         return getattr(self, self.servers[0][2]) or {}
 
     def filled(
         self, robot_values: Mapping[str, str], arguments: Sequence[str], tables: Tables
     ) -> FilledBinding:
-        """What a ground local task is in ROS. Raises FillError."""
+        """Fill in the arguments of a ground local task. Raises FillError."""
         known = self.known(arguments, robot_values, tables)
         sets = {known.text(name): value for name, value in self.sets.items()}
         return FilledBinding(known.data(self.body), known.data(self.on_cancel), sets)
@@ -186,8 +186,10 @@ class TaskBinding(BoundTask):
     def bodies(
         self, place: SourcePath, tables: Tables
     ) -> Iterator[tuple[SourcePath, Body | FillError]]:
-        """The messages that it may become, each with its place in the file: as written, and with
-        each value of a table, or what the value lacks.
+        """Yield the task's possible messages, each with its place in the file.
+
+        These are the message as written, and with each value of a table filled in; a FillError
+        replaces the message if a value does not fill it.
         """
         written = {self.servers[0][2]: self.body}
         if self.on_cancel is not None:
@@ -206,7 +208,7 @@ class TaskBinding(BoundTask):
                             yield where, made
 
     def problems(self, robot_names: set[str], tables: Tables, place: SourcePath) -> Problems:
-        """What is wrong beyond the shape of its parts."""
+        """Yield the problems of the task beyond the shape of its parts."""
         if len(self.servers) != 1:
             given = " and ".join(key for key, _, _ in self.servers) or "none of them"
             yield place, f"one of action, service and topic is expected, found {given}"
@@ -240,7 +242,7 @@ class BindingFile(BoundFile):
     ROBOTS: ClassVar[str] = "robots"
     bridge: BridgeBinding = BridgeBinding()
     detection_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
-    # The time in which a server has to be found: DDS and Nav2 take a while.
+    # The time allowed for servers to be found: DDS and Nav2 need a while.
     start_up_s: Annotated[float, Field(ge=0, le=3_600)] = 20.0
     robots: dict[RobotName, dict[Name, str]] = {}
     values: dict[Name, dict[str, JsonValue]] = {}
@@ -258,17 +260,17 @@ class BindingFile(BoundFile):
 
     @property
     def setup(self) -> str | None:
-        """The file that is sourced before."""
+        """The setup file that is sourced before the bridge starts."""
         return None if self.bridge.setup is None else str(self._path(self.bridge.setup))
 
     @property
     def parameters(self) -> str | None:
-        """The file of parameters of the bridge's node."""
+        """The parameter file of the bridge's node."""
         given = self.bridge.parameters
         return None if given is None else str(self._path(given))
 
     def ros_arguments(self, robot_values: Mapping[str, str]) -> list[str]:
-        """What stands after `--ros-args` for the bridge's node. Raises FillError."""
+        """Return the bridge node's arguments after `--ros-args`. Raises FillError."""
         known, bridge = KnownValues(robot_values), self.bridge
         words = [] if bridge.namespace is None else ["-r", f"__ns:={known.text(bridge.namespace)}"]
         for name, other in bridge.remap.items():
@@ -280,26 +282,26 @@ class BindingFile(BoundFile):
         return words + ([] if bridge.log_level is None else ["--log-level", bridge.log_level])
 
     def _located(self, text: str) -> str:
-        """A program of the search path as it is; a path, from the file's folder."""
+        """Return a bare program name unchanged, a path relative to the file's folder."""
         return text if Path(text).parts == (text,) else str(self._path(text))
 
     def _path(self, text: str) -> Path:
-        """From the file's folder; a user without a home folder keeps the ~."""
+        """Resolve a path relative to the file's folder. Without a home folder, ~ is kept."""
         return Path(self.file).absolute().parent / os.path.expanduser(text)
 
     def place(self, *path: str) -> str:
-        """A key's place in the file, for messages."""
+        """Return a key's place in the file, for messages."""
         return f"{self.file}:{self._report.line(path)}: {'/'.join(path)}"
 
     def robot_values(self, robot: str) -> Mapping[str, str]:
-        """The values of `$name` on this robot. Raises FileError if the file lacks it."""
+        """Return the values of `$name` on this robot. Raises FileError if the robot is missing."""
         if self.robots and robot not in self.robots:
             text = f"robots has no {robot}{nearest(robot, self.robots)}"
             raise whole_file_error(self.file, text)
         return {ROBOT: robot, **self.robots.get(robot, {})}
 
     def topics(self) -> Iterator[tuple[str, ReadTopic, SourcePath]]:
-        """(id, topic, its place) for all topics that are read."""
+        """Yield (id, topic, place in the file) for all topics that are read."""
         for name, task in self.local_tasks.items():
             if task.until is not None:
                 yield f"until/{name}", task.until, ("local_tasks", name, "until")
@@ -311,12 +313,12 @@ class BindingFile(BoundFile):
             yield "position", self.position, ("position",)
 
     def condition_places(self) -> Problems:
-        """Each condition that is set, with its place."""
+        """Yield the place in the file and the name of each condition that is set."""
         yield from ((("conditions", c), c) for c in self.conditions)
         yield from super().condition_places()
 
     def problems(self) -> Problems:
-        """What is wrong beyond the shape of single parts."""
+        """Yield the problems of the file beyond the shape of single parts."""
         names = {ROBOT, *next(iter(self.robots.values()), {})}
         for robot, values in self.robots.items():
             if {ROBOT, *values} != names:
@@ -341,7 +343,7 @@ class BindingFile(BoundFile):
                 yield from unknown_names(value, names | {name}, ("values", name, argument))
 
     def ros_names(self) -> Iterator[tuple[SourcePath, str]]:
-        """All names of ROS, with `$name`, each with its place."""
+        """Yield all ROS names, with `$name` not yet replaced, each with its place."""
         for name, task in self.local_tasks.items():
             yield ("local_tasks", name, task.servers[0][0]), task.name
             if task.lifecycle is not None:
@@ -354,8 +356,10 @@ class BindingFile(BoundFile):
             yield from ((("bridge", "remap", name), each) for each in (name, other))
 
     def mission_problems(self, mission: Mission, robots: Iterable[str]) -> Problems:
-        """What does not fit a mission: names that robots make of names of ROS, arguments without
-        values, and limits of calls that cannot be stopped.
+        """Yield what does not fit a mission.
+
+        These are ROS names that are invalid with the names of its robots, arguments without values,
+        and time limits of calls that cannot be stopped.
         """
         known = [robot for robot in sorted(robots) if not self.robots or robot in self.robots]
         for place, text in self.ros_names():
@@ -368,7 +372,7 @@ class BindingFile(BoundFile):
         said = set()
         for ground in mission.local_task_types:
             task = self.local_tasks.get(type_name(ground))
-            # Of jobs and the blackboard, arguments are known later.
+            # Arguments from jobs and the blackboard are not known yet.
             if task is None or "{" in ground or "$" in ground:
                 continue
             arguments = split_call(ground)[1]
@@ -392,7 +396,7 @@ class BindingFile(BoundFile):
                 yield ("local_tasks", name, "within_s"), text
 
     def _other_types(self) -> Problems:
-        """One name with two types, which no client of ROS can have."""
+        """Yield names used with two types, which no ROS client can have."""
         used: list[tuple[tuple[str, str], str, SourcePath]] = [
             ((task.kind, task.name), task.type, ("local_tasks", name))
             for name, task in self.local_tasks.items()
@@ -407,7 +411,7 @@ class BindingFile(BoundFile):
                 yield (*place, "type"), f"{key[1]} has the type {known} in {where}"
 
     def unfit(self, problems: list[dict[str, Any]]) -> FileError:
-        """The problems that the bridge has found in the file, with their lines."""
+        """Return the problems that the bridge found in the file as a FileError, with lines."""
         report = self.new_report()
         for problem in problems:
             report.add(tuple(problem["place"]), problem["text"])
@@ -419,7 +423,7 @@ class BindingFile(BoundFile):
 
 
 def load_bindings(path: Path) -> BindingFile:
-    """Read a binding file. Raises FileError with all problems that could be found."""
+    """Read a binding file. Raises FileError with all problems found."""
     expected = "bindings are expected (local_tasks: ..., conditions: ...)"
     return load_bound(BindingFile, path, expected, _EXPLAINED)
 
@@ -428,7 +432,7 @@ def load_bindings(path: Path) -> BindingFile:
 
 
 def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> dict[str, Any]:
-    """The first message to the bridge; without a robot, for a check only."""
+    """Return the first message to the bridge; without a robot, it requests a check only."""
     values = KnownValues({} if robot is None else file.robot_values(robot))
     tasks = []
     for name, task in file.local_tasks.items():
@@ -459,7 +463,7 @@ def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> di
             "type": topic.type,
             "type_place": [*place, "type"],
             "latched": topic.latched,
-            # Of a condition changes are enough; an `until` has to hold after the start.
+            # For a condition, changes are enough; an `until` has to hold after the start.
             "always": topic_id.startswith("until/"),
             "fields": _fields(place, topic.expressions),
         }
@@ -476,7 +480,7 @@ def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> di
 
 
 def _fields(place: SourcePath, found: Mapping[str, MessageExpression | None]) -> list[Any]:
-    """Each field that the expressions read, with the place of its expression."""
+    """List each field that the expressions read, with the place of its expression."""
     return [
         [path, [*place, *key.split("/", 1)], *_compared(expression, path)]
         for key, expression in found.items()

@@ -1,4 +1,4 @@
-"""The robot's end of the pipe to its bridge: its process, and the messages both ways."""
+"""The robot's end of the pipe to its bridge: the bridge's process, and messages both ways."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from mrbt_mesh.errors import InputError
 
 FOLDER = Path(__file__).with_name("bridge")
 CHECK_S = 60.0
-# A bridge cancels the goals that are left before it ends.
+# Time for the bridge to cancel its remaining goals before it ends.
 STOP_S = 5.0
 MAX_SAID = 2_000
-# PyPI's packages of ROS set it when they have set LD_LIBRARY_PATH and started Python again.
+# Set by PyPI's ROS packages once they have set LD_LIBRARY_PATH and restarted Python.
 WHEELS_VARIABLE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
 
 def bridge_command(file: BindingFile) -> list[str]:
-    """The words that start the bridge."""
+    """Return the command line that starts the bridge."""
     # If the ROS Python has no msgpack, the pure-Python one of this environment is used.
     words = [file.python, str(FOLDER), str(Path(msgpack.__file__).parent)]
     if file.setup is None:
@@ -40,14 +40,15 @@ def bridge_command(file: BindingFile) -> list[str]:
 
 
 def bridge_environment(file: BindingFile) -> dict[str, str]:
-    """The bridge's environment."""
+    """Return the bridge's environment variables."""
     domain = {} if file.bridge.domain is None else {"ROS_DOMAIN_ID": str(file.bridge.domain)}
     return {**_without_wheels(os.environ), **domain}
 
 
 def _without_wheels(environment: Mapping[str, str]) -> dict[str, str]:
-    """Without what PyPI's packages of ROS have set for this Python: another one has to set its own,
-    and would take it for done.
+    """Remove the variables that PyPI's ROS packages have set for this Python.
+
+    Another Python has to set its own, and would otherwise assume that this has been done.
     """
     found = dict(environment)
     if found.pop(WHEELS_VARIABLE, None) is None:
@@ -59,7 +60,7 @@ def _without_wheels(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
-    """Have the bridge check whether the bindings fit the types of ROS.
+    """Let the bridge check that the bindings fit the ROS types.
 
     Raises InputError, with the lines, if they do not, or if no bridge can be started.
     """
@@ -103,12 +104,12 @@ class BridgePipe:
         self._news = News()
 
     def say(self, message: dict[str, Any]) -> None:
-        """Have a message sent, after those before."""
+        """Queue a message to the bridge."""
         self._outbox.append(message)
         self._news.tell()
 
     async def send_on(self) -> None:
-        """Send messages until the bridge has ended."""
+        """Send queued messages until the bridge has ended."""
         assert self._process.stdin is not None
         try:
             while True:
@@ -119,7 +120,7 @@ class BridgePipe:
             return
 
     async def heard(self) -> AsyncIterator[dict[str, Any]]:
-        """The bridge's messages, until it has ended."""
+        """Yield the bridge's messages until it has ended."""
         assert self._process.stdout is not None
         async for chunk in self._process.stdout:
             self._unpacker.feed(chunk)
@@ -127,7 +128,7 @@ class BridgePipe:
                 yield message
 
     async def complaints(self) -> AsyncIterator[str]:
-        """The lines that ROS and the bridge write as errors and warnings."""
+        """Yield the lines that ROS and the bridge write to standard error."""
         assert self._process.stderr is not None
         rest = b""
         async for chunk in self._process.stderr:
@@ -143,8 +144,8 @@ class BridgePipe:
 async def bridge_process(
     command: list[str], environment: dict[str, str]
 ) -> AsyncIterator[BridgePipe]:
-    """Start a bridge; at the end its goals are cancelled and it ends. Raises OSError."""
-    # Ctrl-C in a terminal is for the robot, which then stops the bridge in an orderly way.
+    """Start a bridge; on exit it cancels its goals and ends. Raises OSError."""
+    # Ctrl-C in a terminal must only reach the robot, which then stops the bridge cleanly.
     process = await anyio.open_process(command, env=environment, start_new_session=True)
     try:
         yield BridgePipe(process)

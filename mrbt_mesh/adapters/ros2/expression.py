@@ -1,7 +1,7 @@
 """Expressions over a ROS message `m`: `m.percentage < 0.2 and not m.present`.
 
-A small part of Python, as `ros2 topic echo --filter` has it. Which fields are read is known before
-a message comes, so only these pass the pipe.
+The syntax is a small part of Python, like that of `ros2 topic echo --filter`. The fields that an
+expression reads are known before a message arrives, so only they are sent through the pipe.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 MAX_LENGTH = 500
 MESSAGE = "m"
 
-# What is not an expression itself in an allowed one.
+# Syntax nodes that are allowed in an expression but are not expressions themselves.
 _REST = (
     *(ast.expr_context, ast.And, ast.Or, ast.Not, ast.USub, ast.UAdd),
     *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod, ast.BitAnd),
@@ -29,16 +29,18 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 class MessageExpressionError(Exception):
-    """An expression that cannot be used, or has no value for a message; the text is the reason."""
+    """An expression is invalid, or has no value for a message; the text is the reason."""
 
 
 class MessageExpression:
-    """A compiled expression; `fields` are those of the message that it reads, e.g. `pose.x`, and
-    `compared` has those that are compared with `a text` or `a number`.
+    """A compiled expression.
+
+    `fields` are the message fields that it reads, e.g. `pose.x`. `compared` maps fields to
+    `a text` or `a number`, the kind of constant with which they are compared.
     """
 
     def __init__(self, text: str) -> None:
-        """Raises MessageExpressionError for anything but the allowed part of Python."""
+        """Compile a text. Raises MessageExpressionError for syntax that is not allowed."""
         self.text = text
         if len(text) > MAX_LENGTH:
             raise MessageExpressionError(f"an expression has at most {MAX_LENGTH} characters")
@@ -56,25 +58,25 @@ class MessageExpression:
         self._code = code
 
     def value(self, fields: Mapping[str, Any]) -> Any:
-        """Its value for these fields; raises MessageExpressionError where it has none."""
+        """Return the value for these fields. Raises MessageExpressionError if there is none."""
         try:
             return eval(self._code, {**_NAMES, "field": partial(_field, fields)})
         except (ArithmeticError, TypeError, ValueError, KeyError) as error:
             raise MessageExpressionError(f"{self.text}: {error}") from None
 
     def truth(self, fields: Mapping[str, Any]) -> bool:
-        """Whether it holds; raises MessageExpressionError."""
+        """Return whether the expression is true. Raises MessageExpressionError."""
         return bool(self.value(fields))
 
     def number(self, fields: Mapping[str, Any]) -> float:
-        """Its value as a finite number; raises MessageExpressionError."""
+        """Return the value as a finite number. Raises MessageExpressionError."""
         found = self.value(fields)
         if not isinstance(found, int | float) or not math.isfinite(found):
             raise MessageExpressionError(f"{self.text}: {found!r:.60} is not a finite number")
         return float(found)
 
     def entry(self, fields: Mapping[str, Any]) -> float | str:
-        """Its value as a tree's entry holds it; raises MessageExpressionError."""
+        """Return the value for a tree's entry, a number or text. Raises MessageExpressionError."""
         found = self.value(fields)
         if not isinstance(found, int | float | str):
             raise MessageExpressionError(
@@ -84,7 +86,7 @@ class MessageExpression:
 
 
 def _path(node: ast.expr) -> str | None:
-    """`m.poses[0].x` -> `poses[0].x`; None for what is no field of the message."""
+    """Convert `m.poses[0].x` to `poses[0].x`; None for anything but a message field."""
     steps: list[str] = []
     while True:
         if isinstance(node, ast.Attribute):
@@ -112,14 +114,14 @@ def _index(node: ast.expr) -> int | None:
 
 
 class _Allowed(ast.NodeTransformer):
-    """Refuses all but the allowed part of Python; makes fields of the message look-ups."""
+    """Refuses all but the allowed part of Python; replaces message fields by look-ups."""
 
     def __init__(self) -> None:
         self.fields: dict[str, None] = {}
         self.compared: dict[str, str] = {}
 
     def visit(self, node: Any) -> Any:
-        """The node as it is evaluated. Raises MessageExpressionError."""
+        """Return the node to evaluate. Raises MessageExpressionError."""
         if isinstance(node, _REST):
             return node
         path = _path(node)
@@ -137,7 +139,7 @@ class _Allowed(ast.NodeTransformer):
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in _FUNCTIONS:
                 return _call(name, *map(self.visit, args))
             case ast.BinOp() if has_operators:
-                # Texts and lists are not calculated with: they could be made long without end.
+                # Numbers only: operators on texts and lists could make them arbitrarily long.
                 left, right = (_call("number", self.visit(e)) for e in (node.left, node.right))
                 return ast.BinOp(left, node.op, right)
             case ast.List(elts=items) | ast.Tuple(elts=items):

@@ -1,7 +1,7 @@
 """A robot program whose local tasks are actions, services and topics of ROS 2.
 
-rclpy is in a process of its own, the bridge. Here are the tasks and their outcomes, and the reports
-to the team on conditions, positions and missing servers.
+rclpy runs in a process of its own, the bridge. This module runs the tasks, judges their outcomes,
+and reports conditions, positions and missing servers to the team.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.user_code import running_call
 
 RESTART_S = 1.0
-# After its end, so long for the rest of what it says.
+# Time to read the rest of the bridge's standard error after it has ended.
 LAST_WORDS_S = 1.0
-# The pause grows while the bridge does not start.
+# The pause before a restart grows up to this while the bridge does not start.
 MAX_RESTART_S = 30.0
-# Messages to the bridge within the time after which it would miss the robot.
+# Number of messages to the bridge within the detection time.
 BEATS = 5
 
 _BRIDGE_ENDED = "the bridge to ROS had ended"
@@ -62,9 +62,9 @@ _FAILURES = {
 def robot_program(binding_file: str | Path, *, record_work: bool = False) -> RobotProgram:
     """A program for robots whose local tasks are bound to ROS 2 by a file.
 
-    `record_work` is that of RobotProgram. What it returns may be given more local tasks, bids and
-    sensors. Raises InputError for a file that cannot be used. Whether it fits the types of ROS is
-    checked before a robot starts.
+    `record_work` is passed to RobotProgram. More local tasks, bids and sensors may be added to the
+    returned program. Raises InputError for a file that cannot be used. Whether the file fits the
+    ROS types is checked before a robot starts.
     """
     file = load_bindings(Path(binding_file))
     program = bound_program(file, bridge_command(file), record_work)
@@ -74,7 +74,7 @@ def robot_program(binding_file: str | Path, *, record_work: bool = False) -> Rob
 
 
 def bound_program(file: BindingFile, command: list[str], record_work: bool = False) -> RobotProgram:
-    """The same with a file that is right, and a command that starts the bridge."""
+    """Return a program for a checked file; `command` starts the bridge."""
     program = RobotProgram(record_work=record_work)
 
     @cache
@@ -110,7 +110,7 @@ def bound_program(file: BindingFile, command: list[str], record_work: bool = Fal
 
 @dataclass
 class _Run:
-    """A task under way. `end`: the bridge's message that it has ended."""
+    """A running task. `end`: the bridge's message that it has ended."""
 
     number: int
     task: TaskContext
@@ -120,18 +120,18 @@ class _Run:
     body: Any
     is_sent: bool = False
     is_cancelled: bool = False
-    # It was sent by a bridge that has ended: the next one has it cancelled.
+    # True if a bridge that has ended sent it: the next bridge cancels it.
     is_orphaned: bool = False
     end: dict[str, Any] | None = None
-    # The newest message since it began on the topic of its `until`.
+    # The newest message on the topic of its `until`; cleared when the task ends at its server.
     until: Mapping[str, Any] | None = None
     news: News = field(default_factory=News)
 
 
 class ConnectedRobot:
-    """One robot, its bridge, and its tasks under way.
+    """One robot, its bridge, and its running tasks.
 
-    `entries` of trees, and `pose`, x and y in metres, are from the newest messages on topics.
+    The `entries` of trees, and `pose` (x and y in metres), come from the newest messages on topics.
     """
 
     def __init__(self, file: BindingFile, robot: str, command: list[str]) -> None:
@@ -147,10 +147,10 @@ class ConnectedRobot:
         self._was_ready = False
         self._servers = Servers(file, robot, self._values)
         self._bridge_failure = ""
-        # Of the present bridge: its last line on standard error, and whether that has ended.
+        # The present bridge's last line on standard error, and whether standard error has ended.
         self._last_words = ""
         self._all_is_said = anyio.Event()
-        # Goals that have not ended: if the bridge dies, the next one has them cancelled.
+        # Goals that have not ended: if the bridge dies, the next one cancels them.
         self._at_servers: dict[int, tuple[str, bytes]] = {}
         self._conditions: dict[str, bool] = {}
         self._refused: set[str] = set()
@@ -160,7 +160,7 @@ class ConnectedRobot:
     # -- what the robot's runtime asks for -----------------------------------------------------
 
     async def perform(self, task: TaskContext, name: str, arguments: tuple[str, ...]) -> None:
-        """Have a local task carried out; raises TaskFailedError. Cancelled: cancels it there."""
+        """Perform a local task; when cancelled, cancel it at its server. Raises TaskFailedError."""
         binding = self._file.local_tasks[name]
         try:
             wanted = binding.filled(self._values, arguments, self._file.values)
@@ -192,7 +192,7 @@ class ConnectedRobot:
         return run
 
     def _send(self, run: _Run) -> None:
-        """Have the bridge begin; one that has not started yet gets it when it is ready."""
+        """Have the bridge start a run; if it is not ready yet, the run is sent later."""
         if self._pipe is None:
             return
         run.is_sent = True
@@ -202,7 +202,7 @@ class ConnectedRobot:
         self._pipe.say({"op": "start", **start})
 
     async def _finished(self, run: _Run) -> None:
-        """Wait for its end and for its `until`."""
+        """Wait until the run has ended and its `until` holds."""
         while run.end is None:
             await run.news.wait()
         until = run.binding.until
@@ -215,7 +215,7 @@ class ConnectedRobot:
             raise TaskFailedError(f"until: {error}") from None
 
     def _cancel(self, run: _Run, wanted: FilledBinding) -> None:
-        """Have a task stopped that is no longer needed."""
+        """Have the bridge stop a run that is no longer needed."""
         if run.is_cancelled:
             return
         run.is_cancelled = True
@@ -231,14 +231,16 @@ class ConnectedRobot:
     async def _stopped(self, run: _Run) -> None:
         """Wait until a cancelled task has ended at its server, however long that takes.
 
-        A failure lets another robot begin, so it must not be reported while the server may go on.
+        A failure lets another robot start the task, so it must not be reported while the server may
+        still be working.
         """
         while run.is_sent and run.end is None:
             await run.news.wait()
 
     async def _stopped_or_lost(self, run: _Run) -> None:
-        """Wait until a cancelled task has ended at its server, or the server cannot be used: the
-        team knows then that the robot has lost this capability.
+        """Wait until a cancelled task has ended at its server, or the server cannot be used.
+
+        In the second case the team knows that the robot has lost this capability.
         """
         while (
             run.is_sent
@@ -278,7 +280,7 @@ class ConnectedRobot:
     # -- the bridge ----------------------------------------------------------------------------
 
     async def run(self, context: RobotContext) -> None:
-        """Keep a bridge as long as the robot lives."""
+        """Keep a bridge running as long as the robot lives."""
         self._background = context
         self._servers.begin(context)
         async with anyio.create_task_group() as group:
@@ -303,7 +305,7 @@ class ConnectedRobot:
             await anyio.sleep(pause_s)
 
     async def _serve_bridge(self, pipe: BridgePipe, bind: dict[str, Any]) -> None:
-        """Until the bridge has ended, or is silent for the detection time."""
+        """Serve a bridge until it has ended, or has been silent for the detection time."""
         self._last_words, self._all_is_said = "", anyio.Event()
         pipe.say(bind)
         watch = LifeWatch(self._file.detection_s, time.monotonic())
@@ -321,7 +323,7 @@ class ConnectedRobot:
             group.cancel_scope.cancel()
 
     async def _beat(self, pipe: BridgePipe, watch: LifeWatch, scope: anyio.CancelScope) -> None:
-        """Send a message regularly, which the bridge answers."""
+        """Send a regular message that the bridge answers; stop if the bridge is silent."""
         while True:
             was_there = watch.is_there
             watch.tick(time.monotonic())
@@ -338,7 +340,7 @@ class ConnectedRobot:
         self._all_is_said.set()
 
     def _bridge_ended(self) -> None:
-        """No task can be carried out, and those at servers are out of reach."""
+        """Report all servers as lost: no task can be started, and running ones are unreachable."""
         self._pipe = None
         why = f": {self._bridge_failure}" if self._bridge_failure else ""
         self._bridge_failure = ""
@@ -363,7 +365,7 @@ class ConnectedRobot:
                 run.news.tell()
 
     def _take(self, pipe: BridgePipe, message: dict[str, Any]) -> None:
-        """Take in a message of the bridge."""
+        """Process a message of the bridge."""
         match message["op"]:
             case "ready":
                 self._ready(pipe)
@@ -399,7 +401,7 @@ class ConnectedRobot:
         self._at_servers.pop(message["run"], None)
         run = self._runs.get(message["run"])
         if run is not None:
-            # Its `until` has to hold after it began.
+            # Only messages from now on count for its `until`.
             run.end, run.until = message, None
             if run.is_orphaned and message["how"] == "cancelled":
                 run.end = message | {"how": "lost", "text": _BRIDGE_ENDED}
@@ -451,7 +453,7 @@ class ConnectedRobot:
         self.pose = (found["x"], found["y"])
 
     def _complain(self, place: str, error: str) -> None:
-        """Log a value that cannot be used, once for each place."""
+        """Log a value that cannot be used, once per place."""
         if place not in self._refused:
             self._refused.add(place)
             self._log.warning("message_refused", place=place, error=error)

@@ -1,4 +1,4 @@
-"""Which local tasks of a robot have a server now, and what the team hears of the others."""
+"""Tracks which local tasks of a robot have a server, and reports the missing ones to the team."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from mrbt_mesh.adapters.ros2.binding_file import BindingFile
 from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.log import robot_logger
 
-# How reasons call what a local task is bound to.
+# The words for kinds of servers in reasons.
 _KINDS = {"action": "action server", "srv": "service", "msg": "topic"}
 
 
 class Servers:
     """The servers of one robot's local tasks, all missing at first.
 
-    While the robot starts (`start_up_s` of the file), one that was never found is not there yet.
-    Later, or once it was there, it is a fault.
+    During start-up (`start_up_s` of the file), a server that was never found is only awaited.
+    Afterwards, or once it was found, a missing server is a fault.
     """
 
     def __init__(self, file: BindingFile, robot: str, values: Mapping[str, str]) -> None:
@@ -33,22 +33,22 @@ class Servers:
         self._lost = LostCapabilities()
 
     def begin(self, robot: RobotContext) -> None:
-        """The robot has started: report what it cannot do before it fails at that."""
+        """Called when the robot has started: report missing capabilities before a task fails."""
         self._robot = robot
         self._tell()
 
     async def end_start_up(self) -> None:
-        """Wait for the end of the start; what has not been found until then is a fault."""
+        """Wait for the end of the start-up; from then on, missing servers are faults."""
         await anyio.sleep(self._file.start_up_s)
         self._is_starting = False
         self._tell()
 
     def is_there(self, name: str) -> bool:
-        """Whether the server of a local task can be used."""
+        """Return whether the server of a local task can be used."""
         return name not in self._missing
 
     def called(self, name: str) -> str:
-        """The server of a local task, as reasons call it."""
+        """Return the description of a local task's server that is used in reasons."""
         binding, namespace = self._file.local_tasks[name], self._file.bridge.namespace or ""
         text = binding.name
         if not text.startswith(("/", "~")):
@@ -56,14 +56,14 @@ class Servers:
         return f"{_KINDS[binding.kind]} {self._values.text(text)}"
 
     def found(self, name: str) -> None:
-        """The server can be used from now on."""
+        """Note that a server can be used from now on."""
         self._log.info("server_found", local_task=name)
         self._missing.pop(name, None)
         self._found.add(name)
         self._tell()
 
     def lost(self, name: str, why: str) -> None:
-        """The server cannot be used; `why` is a predicate, as `does not answer`."""
+        """Note that a server cannot be used; `why` is a predicate, like `does not answer`."""
         reason = f"{self.called(name)} {why}"
         if self._is_starting and name not in self._found:
             self._log.info("server_awaited", local_task=name, reason=reason)
@@ -73,7 +73,7 @@ class Servers:
         self._tell()
 
     def all_lost(self, why: str) -> None:
-        """None of the servers can be used."""
+        """Note that no server can be used."""
         self._log.warning("servers_lost", reason=why)
         self._missing = dict.fromkeys(self._file.local_tasks, why)
         self._tell()

@@ -1,6 +1,6 @@
-"""The versions of VDA 5050 as they differ on the wire: topics, headers, names of fields.
+"""Wire differences between the versions of VDA 5050: topics, headers, field names.
 
-Values in, values out. Sources: the standard's texts and JSON schemas 1.1.0, 2.0.0, 2.1.0, 3.0.0.
+Pure functions. Sources: the standard's texts and JSON schemas 1.1.0, 2.0.0, 2.1.0, 3.0.0.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ STATE, CONNECTION, VISUALIZATION = "state", "connection", "visualization"
 
 @dataclass(frozen=True)
 class Dialect:
-    """One version. `instant_actions` are the keys under which instant actions are sent, `deviation`
-    those of the distance by which a vehicle may miss a node.
+    """One version of the standard.
 
-    Where a version's text and its published schemas differ, vehicles read one or the other, so both
-    are sent: `actions` and `instantActions`, `actionType` and `actionName` of instant actions in
-    2.0.0, `allowedDeviationXy` and `allowedDeviationXY` in 2.1.0. `keeps_instant_actions`: vehicles
-    list finished instant actions until they are told to clear them.
+    `instant_actions` are the keys under which instant actions are sent, `deviation` the keys of the
+    distance by which a vehicle may miss a node. Where a version's text and its published schemas
+    differ, vehicles follow either, so both keys are sent: `actions` and `instantActions`, and
+    `actionType` and `actionName` of instant actions in 2.0.0, `allowedDeviationXy` and
+    `allowedDeviationXY` in 2.1.0. `keeps_instant_actions`: vehicles list finished instant actions
+    until they are told to clear them.
     """
 
     name: str
@@ -41,7 +42,7 @@ class Dialect:
 
     @property
     def major(self) -> str:
-        """The version as topics have it, e.g. `v2`."""
+        """The version as used in topics, e.g. `v2`."""
         return f"v{self.version.partition('.')[0]}"
 
 
@@ -69,7 +70,7 @@ DIALECTS: Mapping[str, Dialect] = {
 
 @dataclass(frozen=True)
 class VehicleAddress:
-    """Under which topics a vehicle is reached: interface/vN/manufacturer/serial number/topic."""
+    """The prefix of a vehicle's topics: interface/vN/manufacturer/serial number/topic."""
 
     interface: str
     manufacturer: str
@@ -77,12 +78,12 @@ class VehicleAddress:
     dialect: Dialect
 
     def topic(self, name: str) -> str:
-        """The topic `order`, `state`, ... of this vehicle."""
+        """Return the topic `order`, `state`, ... of this vehicle."""
         parts = self.interface, self.dialect.major, self.manufacturer, self.serial_number, name
         return "/".join(parts)
 
     def headed(self, header_id: int, unix_time_s: float, body: Message) -> Message:
-        """A message with its header."""
+        """Return a message with its header."""
         return {
             "headerId": header_id,
             "timestamp": timestamp(unix_time_s),
@@ -94,14 +95,14 @@ class VehicleAddress:
 
 
 def timestamp(unix_time_s: float) -> str:
-    """ISO 8601 in UTC with milliseconds, as the standard wants it."""
+    """Format a time in ISO 8601, in UTC with milliseconds, as the standard requires."""
     text = datetime.fromtimestamp(unix_time_s, UTC).isoformat(timespec="milliseconds")
     return text.replace("+00:00", "Z")
 
 
 @dataclass(frozen=True)
 class Action:
-    """Something that a vehicle does at a node. `blocking` is NONE, SOFT or HARD."""
+    """An action of a vehicle at a node. `blocking` is NONE, SOFT or HARD."""
 
     action_id: str
     type: str
@@ -109,7 +110,7 @@ class Action:
     blocking: str = "HARD"
 
     def encoded(self) -> Message:
-        """As messages have it, in all versions."""
+        """Return the action as in messages of all versions."""
         result: Message = {
             "actionId": self.action_id,
             "actionType": self.type,
@@ -124,9 +125,9 @@ class Action:
 
 @dataclass(frozen=True)
 class OrderNode:
-    """A node of an order; `deviation_m`: how far off the vehicle may be, 0 for its own tolerance.
+    """A node of an order; `x` and `y` in metres, `theta` in radians.
 
-    `x` and `y` in metres, `theta` in radians.
+    `deviation_m`: how far from the node the vehicle may be; 0: the vehicle's own tolerance.
     """
 
     name: str
@@ -139,7 +140,7 @@ class OrderNode:
 
 @dataclass(frozen=True)
 class VehicleOrder:
-    """A whole order: released at once, driven from the first node to the last."""
+    """A complete order: released at once, driven from the first node to the last."""
 
     order_id: str
     map_id: str
@@ -148,17 +149,17 @@ class VehicleOrder:
 
     @property
     def last_sequence_id(self) -> int:
-        """The sequence id of the last node: nodes have even ones, edges odd ones."""
+        """The sequence id of the last node. Nodes have even ids, edges odd ones."""
         return 2 * (len(self.nodes) - 1)
 
     @property
     def action_ids(self) -> tuple[str, ...]:
-        """The ids of all its actions, in their order."""
+        """The ids of all actions of the order, in order."""
         return tuple(action.action_id for node in self.nodes for action in node.actions)
 
 
 def order_message(order: VehicleOrder, dialect: Dialect) -> Message:
-    """The body of an order, without its header."""
+    """Return the body of an order message, without its header."""
     nodes = [
         {
             "nodeId": node.name,
@@ -201,7 +202,7 @@ def _edge(order: VehicleOrder, index: int, dialect: Dialect) -> Message:
 
 
 def instant_message(actions: Sequence[Action], dialect: Dialect) -> Message:
-    """The body of a message of instant actions, without its header."""
+    """Return the body of an instant-actions message, without its header."""
     encoded = [action.encoded() for action in actions]
     if dialect.names_instant_actions:
         encoded = [each | {"actionName": each["actionType"]} for each in encoded]
@@ -209,15 +210,15 @@ def instant_message(actions: Sequence[Action], dialect: Dialect) -> Message:
 
 
 def cancel_order(action_id: str) -> Action:
-    """Stop the order that runs, whichever it is."""
+    """Return an action that stops the running order, whichever it is."""
     return Action(action_id, CANCEL, {}, "NONE")
 
 
 def state_request(action_id: str) -> Action:
-    """Send the state now: vehicles send it only when it changes, and every 30 s."""
+    """Return an action that requests the state; vehicles send it only on changes and every 30 s."""
     return Action(action_id, "stateRequest", {}, "NONE")
 
 
 def clear_instant_actions(action_id: str) -> Action:
-    """Report the instant actions that have ended no longer; only from 3.0 on."""
+    """Return an action that clears the list of ended instant actions; only from 3.0 on."""
     return Action(action_id, "clearInstantActions", {}, "NONE")

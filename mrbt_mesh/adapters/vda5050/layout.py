@@ -1,6 +1,6 @@
-"""The layout of a plant and its templates of local tasks: from a local task to an order.
+"""Makes orders from local tasks, by the layout of a plant and templates of local tasks.
 
-Values in, values out. Routes are shortest by length; ties are broken by names. There is no traffic
+Pure functions. Routes are shortest by length; ties are broken by names. There is no traffic
 control: two vehicles may get the same edge at the same time, even in opposite directions.
 """
 
@@ -20,17 +20,17 @@ from mrbt_mesh.adapters.vda5050.messages import VehicleState
 from mrbt_mesh.formats.file_model import FileModel
 from mrbt_mesh.formats.tree_model import CallText
 
-# A vehicle this near a node is on it, and needs no tolerance beyond its own.
+# A vehicle this close to a node is on it, and needs no tolerance beyond its own.
 ON_NODE_M = 0.1
 
 
 class RouteError(Exception):
-    """There is no such way; the text names its ends."""
+    """There is no route; the text says why."""
 
 
 @dataclass(frozen=True)
 class LayoutNode:
-    """A place of the layout in metres; `theta` in radians where vehicles must have that heading."""
+    """A node of the layout, in metres; `theta`: the heading required there, in radians, if any."""
 
     x: float
     y: float
@@ -59,7 +59,7 @@ class TaskTemplate(BoundTask):
     stops: tuple[StopTemplate, ...] = Field(min_length=1, max_length=100, strict=False)
 
     def filled(self, arguments: Sequence[str]) -> TaskTemplate:
-        """With the values of a ground local task. Raises FillError."""
+        """Fill in the arguments of a ground local task. Raises FillError."""
         known = self.known(arguments)
         stops = (StopTemplate(**known.data(stop.model_dump())) for stop in self.stops)
         sets = {known.text(name): value for name, value in self.sets.items()}
@@ -68,9 +68,9 @@ class TaskTemplate(BoundTask):
 
 @dataclass(frozen=True)
 class Layout:
-    """A map's nodes and its directed edges with their speed limits, in m/s, None for none.
+    """A map's nodes and its directed edges with their speed limits in m/s; None: no limit.
 
-    A vehicle that reports no node may be up to `reach_m` away from the node where its order begins.
+    A vehicle that reports no node may be up to `reach_m` away from the node where its order starts.
     """
 
     map_id: str
@@ -79,7 +79,7 @@ class Layout:
     reach_m: float = 2.0
 
     def way(self, start: str, end: str) -> list[str]:
-        """The nodes of the shortest way, both ends included. Raises RouteError."""
+        """Return the nodes of the shortest path, including both ends. Raises RouteError."""
         for name in (start, end):
             if name not in self.nodes:
                 raise RouteError(f"the layout has no node {name!r}")
@@ -99,9 +99,9 @@ class Layout:
         raise RouteError(f"the layout has no way from {start} to {end}")
 
     def begin(self, state: VehicleState) -> str:
-        """The node where a vehicle's next order begins. Raises RouteError.
+        """Return the node where a vehicle's next order starts. Raises RouteError.
 
-        Its last reported node, else the nearest one within reach.
+        This is its last reported node, else the nearest node within reach.
         """
         if state.last_node in self.nodes:
             return state.last_node
@@ -123,9 +123,10 @@ class Layout:
     def route(
         self, state: VehicleState, stops: Sequence[StopTemplate]
     ) -> list[tuple[str, int | None]]:
-        """(node, index of the stop that is made there) from where a vehicle is. Raises RouteError.
+        """Return a vehicle's route as pairs of a node and the index of the stop there, if any.
 
-        A stop where it already is begins the route.
+        If the vehicle already is at the first stop, the route starts with that stop. Raises
+        RouteError.
         """
         route: list[tuple[str, int | None]] = [(self.begin(state), None)]
         for index, stop in enumerate(stops):
@@ -133,14 +134,14 @@ class Layout:
             if len(way) == 1 and route[-1][1] is None:
                 route[-1] = (way[0], index)
             elif len(way) == 1:
-                # Two stops at one node need it twice, and a vehicle that drives on the spot.
+                # Two stops in a row at the same node would require a drive from it to itself.
                 raise RouteError(f"two stops at {stop.at} without another between them")
             else:
                 route += [(name, None) for name in way[1:-1]] + [(way[-1], index)]
         return route
 
     def length_m(self, state: VehicleState, stops: Sequence[StopTemplate]) -> float:
-        """How far a vehicle would drive for these stops. Raises RouteError."""
+        """Return the distance in metres a vehicle would drive to these stops. Raises RouteError."""
         route = self.route(state, stops)
         gone = sum(
             self._length(route[index][0], route[index + 1][0]) for index in range(len(route) - 1)
@@ -150,7 +151,7 @@ class Layout:
     def order(
         self, order_id: str, state: VehicleState, stops: Sequence[StopTemplate]
     ) -> VehicleOrder:
-        """The order for these stops, from where a vehicle is. Raises RouteError."""
+        """Return the order for these stops, from the vehicle's place. Raises RouteError."""
         route = self.route(state, stops)
         off = self._off(state, route[0][0])
         nodes, count = [], 0
@@ -162,7 +163,7 @@ class Layout:
                 for number, each in enumerate(templates, start=1)
             )
             count += len(actions)
-            # The first node must allow the place and heading that the vehicle has now.
+            # The first node must tolerate the vehicle's present position and heading.
             first = position == 0
             nodes.append(
                 OrderNode(

@@ -1,6 +1,6 @@
-"""The layout file: a plant's nodes and edges, the vehicles, and what local tasks are for them.
+"""The layout file: a plant's nodes and edges, its vehicles, and their orders for local tasks.
 
-docs/how-to/vda5050.md explains the keys, examples/warehouse/agvs.yaml is one.
+docs/how-to/vda5050.md explains the keys; examples/warehouse/agvs.yaml is an example.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mrbt_mesh.formats.file_model import FileModel, Name, RobotName
 from mrbt_mesh.formats.problems import SourcePath
 from mrbt_mesh.formats.tree_model import TREE_EXPLAINED
 
-# `host:port` that replaces the file's broker, so that one file serves a plant and a test.
+# `host:port` that overrides the file's broker, so that a plant and tests can use the same file.
 BROKER_VARIABLE = "MRBT_VDA5050_BROKER"
 
 _LEVEL = r"^[^/+#\s][^/+#]{0,63}$"
@@ -55,7 +55,7 @@ class Broker(FileModel):
         return self._password
 
     def with_environment(self, file: str) -> Broker:
-        """With the password, and the address that replaces the file's. Raises InputError."""
+        """Return the broker with its password and an overriding address. Raises InputError."""
         found, given = self, os.environ.get(BROKER_VARIABLE)
         if given:
             host, _, text = given.rpartition(":")
@@ -107,7 +107,7 @@ class LayoutFile(BoundFile):
 
     @cached_property
     def addresses(self) -> dict[str, VehicleAddress]:
-        """Robot -> the address of its vehicle."""
+        """The address of each robot's vehicle, by robot."""
         return {
             robot: VehicleAddress(
                 self.interface,
@@ -120,7 +120,7 @@ class LayoutFile(BoundFile):
 
     @cached_property
     def layout(self) -> Layout:
-        """Its nodes and edges."""
+        """The layout: the file's nodes and edges."""
         nodes = {name: LayoutNode(*place) for name, place in self.nodes.items()}
         edges: dict[str, dict[str, float | None]] = {name: {} for name in nodes}
         for edge in self.edges:
@@ -130,7 +130,7 @@ class LayoutFile(BoundFile):
         return Layout(self.map, nodes, edges, self.reach_m)
 
     def problems(self) -> Problems:
-        """What is wrong beyond the shape of single parts."""
+        """Yield the problems of the file beyond the shape of single parts."""
         for index, edge in enumerate(self.edges):
             for key, name in (("from", edge.start), ("to", edge.end)):
                 yield from self._unknown_node(name, ("edges", index, key))
@@ -165,7 +165,7 @@ class LayoutFile(BoundFile):
 
 
 def load_layout(path: Path) -> LayoutFile:
-    """Read a layout file. Raises FileError with all problems that could be found."""
+    """Read a layout file. Raises FileError with all problems found."""
     expected = "a layout is expected (nodes: ..., vehicles: ...)"
     found = load_bound(LayoutFile, path, expected, _EXPLAINED)
     return found.model_copy(update={"broker": found.broker.with_environment(found.file)})

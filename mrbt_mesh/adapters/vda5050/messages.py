@@ -1,4 +1,4 @@
-"""Messages of vehicles, decoded from any version into one form, or refused."""
+"""Decodes messages of vehicles, of any version, into one form; refuses invalid ones."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from mrbt_mesh.adapters.vda5050.dialects import CANCEL
 MAX_MESSAGE_BYTES = 1_000_000
 FINISHED, FAILED, RETRIABLE = "FINISHED", "FAILED", "RETRIABLE"
 INITIALIZING, RUNNING, PAUSED = "INITIALIZING", "RUNNING", "PAUSED"
-# A vehicle with such an error cannot go on with its order; with the second kind, with none.
+# Error levels with which a vehicle cannot continue its order; with FATAL it can execute no order.
 STOPPING = frozenset({"FATAL", "CRITICAL"})
 FATAL = "FATAL"
-# An error that says no level.
+# The level of an error that has none.
 WARNING = "WARNING"
-# By such an error a vehicle refuses an order: the names of all versions, without case and "_".
+# Errors by which a vehicle refuses an order: the names in all versions, in lower case without "_".
 REFUSALS = frozenset(
     {
         "insufficientmemory",
@@ -40,16 +40,16 @@ REFUSALS = frozenset(
         "validationfailure",
     }
 )
-# Modes in which a vehicle follows the orders of its fleet's control.
+# Modes in which a vehicle follows the orders of its fleet control.
 FOLLOWING = frozenset({"AUTOMATIC", "SEMIAUTOMATIC"})
 
 
 class MessageError(Exception):
-    """The payload is no message of VDA 5050; the text has the reason."""
+    """The payload is not a VDA 5050 message; the text is the reason."""
 
 
 class Link(StrEnum):
-    """What is known of a vehicle's connection to the broker."""
+    """The state of a vehicle's connection to the broker."""
 
     UNKNOWN = "UNKNOWN"
     ONLINE = "ONLINE"
@@ -68,22 +68,22 @@ class VehicleError:
     references: tuple[tuple[str, str], ...]
 
     def is_of(self, key: str, value: str) -> bool:
-        """Whether it refers to this, e.g. to an order's id."""
+        """Return whether the error refers to this value, e.g. to an order's id."""
         return (key, value) in self.references
 
     def is_of_another(self, key: str, value: str) -> bool:
-        """Whether it refers to another one of this kind, and not to this one."""
+        """Return whether the error refers to other values of this key, and not to this one."""
         named = {found for name, found in self.references if name == key}
         return bool(named) and value not in named
 
     @property
     def kind(self) -> str:
-        """Its type as all versions have it, without case and `_`."""
+        """The error's type, normalised for all versions: in lower case without `_`."""
         return self.type.replace("_", "").lower()
 
     @property
     def is_refusal(self) -> bool:
-        """Whether it is about an order that the vehicle does not take."""
+        """True if the vehicle refuses an order by this error."""
         return self.kind in REFUSALS
 
     def __str__(self) -> str:
@@ -92,7 +92,7 @@ class VehicleError:
 
 @dataclass(frozen=True)
 class VehiclePlace:
-    """Where a vehicle is: metres on a map, and its heading in radians."""
+    """A vehicle's position on a map in metres, and its heading in radians."""
 
     x: float
     y: float
@@ -105,9 +105,9 @@ class VehiclePlace:
 class VehicleState:
     """A vehicle's state. `charge_percent`: None if it is not reported.
 
-    `nodes_left` and `edges_left` count what is left of its order; `actions` map ids to statuses,
-    `results` ids to descriptions of results, where there are any. `stops`: the ids of cancellations
-    that it carries out, `requests` those to which it waits for an answer.
+    `nodes_left` and `edges_left` count the rest of its order. `actions` maps ids to statuses,
+    `results` ids to descriptions of results, if there are any. `stops`: ids of the cancellations
+    that it is carrying out. `requests`: its requests that wait for an answer.
     """
 
     order_id: str
@@ -130,15 +130,15 @@ class VehicleState:
     charge_percent: float | None
     is_charging: bool
     place: VehiclePlace | None
-    # The number and the time of the message, in Unix seconds; None: it does not say both.
+    # The number and the time (Unix seconds) of the message; None unless it has both.
     header: tuple[int, float] | None = None
 
     @property
     def has_active_order(self) -> bool:
-        """Whether it still has something to drive or to do for its order.
+        """True if the vehicle still has nodes, edges or actions of its order left.
 
-        Up to 2.1 instant actions are among the others; `vehicle.py` knows the adapter's by their
-        ids. A cancellation is none of its order.
+        Up to 2.1, instant actions are listed among the order's actions; `vehicle.py` recognises the
+        adapter's by their ids. A cancellation does not count.
         """
         return bool(self.nodes_left or self.edges_left) or any(
             status not in (FINISHED, FAILED) and name not in self.stops
@@ -146,12 +146,12 @@ class VehicleState:
         )
 
     def status_of(self, action_id: str) -> str | None:
-        """The status of an action, instant or of an order; None if it is not in the state."""
+        """Return the status of an instant or order action; None if it is not in the state."""
         return self.actions.get(action_id) or self.instant_actions.get(action_id)
 
 
 def decode(payload: bytes | bytearray) -> Mapping[str, Any]:
-    """A message as JSON. Raises MessageError."""
+    """Decode a JSON message. Raises MessageError."""
     if len(payload) > MAX_MESSAGE_BYTES:
         raise MessageError(f"larger than {MAX_MESSAGE_BYTES} bytes")
     try:
@@ -164,7 +164,7 @@ def decode(payload: bytes | bytearray) -> Mapping[str, Any]:
 
 
 def read_link(message: Mapping[str, Any]) -> Link:
-    """The connection state; 3.0 writes it with an underscore. Raises MessageError."""
+    """Return the connection state; 3.0 writes it with an underscore. Raises MessageError."""
     said = message.get("connectionState")
     text = said.replace("_", "") if isinstance(said, str) else ""
     try:
@@ -174,7 +174,7 @@ def read_link(message: Mapping[str, Any]) -> Link:
 
 
 def read_state(message: Mapping[str, Any]) -> VehicleState:
-    """The state, of any version. Raises MessageError where a part that is needed is missing."""
+    """Read a state of any version. Raises MessageError if a required part is missing."""
     safety = _mapping(message, "safetyState", {})
     power = _mapping(message, "powerSupply", None) or _mapping(message, "batteryState", {})
     charge = power.get("stateOfCharge", power.get("batteryCharge"))
@@ -206,7 +206,7 @@ def read_state(message: Mapping[str, Any]) -> VehicleState:
 
 
 def read_place(message: Mapping[str, Any]) -> VehiclePlace | None:
-    """A vehicle's place, from its state or its visualization; None if it has none."""
+    """Return a vehicle's position from its state or visualization; None if it has none."""
     said = _mapping(message, "mobileRobotPosition", None) or _mapping(message, "agvPosition", {})
     x, y = _number(said.get("x")), _number(said.get("y"))
     if x is None or y is None:
@@ -238,14 +238,14 @@ def _statuses(states: list[Any]) -> dict[str, str]:
 
 
 def _stops(states: list[Any]) -> Iterator[str]:
-    """The actions that cancel an order and have not ended."""
+    """Yield the ids of actions that cancel an order and have not ended."""
     for each in states:
         if each.get("actionType") == CANCEL and each["actionStatus"] not in (FINISHED, FAILED):
             yield each["actionId"]
 
 
 def _requests(message: Mapping[str, Any]) -> Iterator[str]:
-    """What a vehicle of 3.0 asks its fleet's control for, and has not got."""
+    """Yield the open requests of a 3.0 vehicle to its fleet control."""
     for kind in ("zoneRequests", "edgeRequests"):
         for each in _listed(message, kind):
             if isinstance(each, dict) and each.get("requestStatus") in ("REQUESTED", "QUEUED"):
@@ -253,7 +253,7 @@ def _requests(message: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _results(states: list[Any]) -> dict[str, str]:
-    """Of each action that has one, the description of its result; 3.0 calls it actionResult."""
+    """Return the descriptions of results by action, if any; 3.0 calls them actionResult."""
     found = ((s["actionId"], s.get("resultDescription", s.get("actionResult"))) for s in states)
     return {action: text for action, text in found if isinstance(text, str) and text}
 
@@ -274,7 +274,7 @@ def _error(said: Any) -> VehicleError:
     )
 
 
-# Without these a message is no state.
+# A state message must have these.
 _NEEDED = frozenset({"nodeStates", "edgeStates", "actionStates"})
 _KINDS = {str: "text", int: "a whole number", list: "a list"}
 
@@ -287,12 +287,12 @@ def _required(message: Mapping[str, Any], key: str, kind: type) -> Any:
 
 
 def _text(message: Mapping[str, Any], key: str) -> str:
-    """A text that must be there; null, as some vehicles write it, is empty."""
+    """Return a required text; null, which some vehicles write, counts as empty."""
     return "" if key in message and message[key] is None else str(_required(message, key, str))
 
 
 def _whole(message: Mapping[str, Any], key: str) -> int:
-    """A whole number; null is 0, and some vehicles write 4.0."""
+    """Return a required integer; null counts as 0, and some vehicles write 4.0."""
     value = message.get(key)
     if isinstance(value, float) and value.is_integer():
         return int(value)
@@ -310,7 +310,7 @@ def _number(value: Any) -> float | None:
 
 
 def _listed(message: Mapping[str, Any], key: str) -> list[Any]:
-    """A list that may be null, as some vehicles write it; one of `_NEEDED` may not be missing."""
+    """Return a list; null, which some vehicles write, is empty. Keys of `_NEEDED` are required."""
     if message.get(key) is None and (key in message or key not in _NEEDED):
         return []
     found: list[Any] = _required(message, key, list)

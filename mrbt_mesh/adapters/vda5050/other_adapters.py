@@ -1,10 +1,10 @@
-"""Messages between the adapters of a fleet: no two vehicles are at the same work.
+"""Messages between the adapters of a fleet, so that no two vehicles do the same work.
 
-Each vehicle has one more topic, `mrbt`. Before an order its adapter says there what the order is
-for (`VehicleClaim`), and afterwards that the vehicle is at it no longer. Whoever gets the same work
-waits for that. When an adapter has ended (its last will), the others cancel the order of its
-vehicle and watch the vehicle until it has stopped; what it has done to its end all the same is not
-done again.
+Each vehicle has an additional topic, `mrbt`. Before an order, its adapter announces there what the
+order is for (`VehicleClaim`), and afterwards that the vehicle no longer works on it. An adapter
+that gets the same work waits for that. When an adapter has ended (its last will), the remaining
+adapters cancel the order of its vehicle and watch the vehicle until it has stopped. Work that the
+vehicle completed nevertheless is not repeated.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ if TYPE_CHECKING:
     from anyio.abc import TaskGroup
 
 ADAPTER = "mrbt"
-# The broker must live this long after a last will; then one adapter after the other acts.
+# A last will counts if the broker lives GRACE_S longer; adapters then act in turn, TURN_S apart.
 GRACE_S, TURN_S = 0.3, 0.02
-# An adapter that is not back so long after an outage of the broker counts as ended.
+# An adapter that has not returned this long after an outage of the broker counts as ended.
 RETURN_S = 5.0
-# A wait of this length is told to the team.
+# A wait of this length is reported to the team.
 TELL_S = 2.0
 
 
 def message(kind: str, **more: Any) -> bytes:
-    """What is said on the topic of an adapter."""
+    """Encode a message for the topic of an adapter."""
     return json.dumps({"adapter": kind, **more}).encode()
 
 
@@ -61,7 +61,7 @@ HERE, GONE, STOPPING, STOPPED = (message(kind) for kind in ("here", "gone", "sto
 
 @dataclass(frozen=True)
 class OrderedWork:
-    """What an order is for: a ground local task of an activation."""
+    """The purpose of an order: a ground local task of an activation."""
 
     activation: str
     local_task: str
@@ -69,7 +69,7 @@ class OrderedWork:
 
 @dataclass
 class VehicleClaim:
-    """A vehicle is at this work, by this order. `since_s`: since when it should have ended."""
+    """A vehicle does this work by this order. `since_s`: since when it should have stopped."""
 
     work: OrderedWork
     order_id: str
@@ -77,7 +77,7 @@ class VehicleClaim:
     since_s: float | None = None
 
     def said(self) -> Mapping[str, Any]:
-        """As messages have it."""
+        """Return the claim as plain data for messages."""
         return {
             "stopping": self.since_s is not None,
             "activation": self.work.activation,
@@ -89,14 +89,14 @@ class VehicleClaim:
 
 @dataclass
 class _Watch:
-    """The vehicle of an adapter that has ended, from then on."""
+    """Watches the vehicle of an adapter that has ended."""
 
     began_s: float
     claim: VehicleClaim | None
     cancels: set[str] = field(default_factory=set)
     sent_s: float | None = None
     first_sent_s: float | None = None
-    # Whether its order is cancelled whatever the vehicle says, as it may be on its way.
+    # True if the order is cancelled regardless of the vehicle's state: it may be in transit.
     at_once: bool = True
     state: VehicleState | None = None
     heard_s: float = 0.0
@@ -113,7 +113,7 @@ class _Watch:
 
     @property
     def is_at_it(self) -> bool:
-        """Whether the vehicle does something for an order of ours, or comes to its rest."""
+        """True if the vehicle works on one of the adapters' orders, or is still stopping."""
         state, claim = self.state, self.claim
         if state is None or (claim is not None and state.order_id not in ("", claim.order_id)):
             return False
@@ -121,12 +121,12 @@ class _Watch:
 
     @property
     def has_done_it(self) -> bool:
-        """Whether the vehicle has done all of its order, as far as that can be known."""
+        """True if all actions of the vehicle's order were seen finished."""
         ids = self.claim.action_ids if self.claim is not None else ()
         return bool(ids) and all(self.seen.get(each) == FINISHED for each in ids)
 
     def has_stopped(self, now_s: float) -> bool:
-        """Whether nothing of the order runs, or can still begin; or nobody can wait for longer."""
+        """Return whether the order has stopped and cannot start any more, or the wait is over."""
         state, limit_s = self.state, HOLD_S if self.state is not None else OBEY_S
         if now_s - self.began_s >= limit_s:
             return True
@@ -136,24 +136,24 @@ class _Watch:
             return not self.at_once
         answered = any(state.status_of(each) in ENDED for each in self.cancels)
         answered |= any(e.is_of("actionId", each) for e in state.errors for each in self.cancels)
-        # It may go on with an order that it names, though it has listed nothing of it here.
+        # The vehicle may continue an order that it names even if it lists none of its actions.
         is_mute = self.claim is not None and state.order_id == self.claim.order_id and not self.seen
         return answered or (not is_mute and self.heard_s - self.first_sent_s >= AGAIN_S)
 
 
 class OtherAdapters:
-    """The adapters of the other robots of a fleet, and what their vehicles are at.
+    """The adapters of the other robots of a fleet, and the work of their vehicles.
 
-    `changed` is called when a vehicle is at less than before.
+    `changed` is called when another adapter's work may have changed.
     """
 
     def __init__(self, file: LayoutFile, robot: str, changed: Callable[[], None]) -> None:
         self.mine: VehicleClaim | None = None
         self._claims: dict[str, VehicleClaim] = {}
         self._gone: dict[str, _Watch] = {}
-        # What a vehicle has done although it was cancelled, and until when that counts.
+        # Work that a vehicle completed although it was cancelled, and until when that counts.
         self._done: dict[OrderedWork, float] = {}
-        # Those that have not said since the last connection that they go on.
+        # Robots with claims that have not announced themselves since the last connection.
         self._unheard: set[str] = set()
         self._changed = changed
         self._address = file.addresses[robot]
@@ -164,16 +164,17 @@ class OtherAdapters:
         self._header_ids = itertools.count()
 
     async def begin(self, client: aiomqtt.Client) -> None:
-        """Listen to the others, and announce this one; raises MqttError."""
+        """Subscribe to the other adapters, and announce this one. Raises MqttError."""
         for topic in self._robots:
             await client.subscribe(topic, qos=1)
         claim = self.mine.said() if self.mine is not None else None
         await client.publish(self._address.topic(ADAPTER), message("here", claim=claim), qos=1)
 
     def unlinked(self) -> None:
-        """The connection has ended, and with it all that was watched.
+        """Called when the connection has ended; all watching ends.
 
-        The others say anew what their vehicles are at; of one that does not, nothing is known.
+        After a reconnection, the other adapters announce their work again; nothing is known about
+        one that does not.
         """
         now_s = anyio.current_time()
         for robot in self._gone:
@@ -183,7 +184,7 @@ class OtherAdapters:
         self._unheard = {*self._claims}
 
     async def look_for_the_dead(self, group: TaskGroup, client: aiomqtt.Client) -> None:
-        """Look after the vehicles of adapters that do not come back after an outage."""
+        """Watch the vehicles of adapters that do not return after an outage."""
         await anyio.sleep(RETURN_S)
         for robot in sorted(self._unheard & self._claims.keys() - self._gone.keys()):
             self._watch(robot, group, client, False)
@@ -191,11 +192,11 @@ class OtherAdapters:
     # -- what others are at ---------------------------------------------------------------------
 
     def holder(self, work: OrderedWork, partners: Iterable[str]) -> str:
-        """The robot whose vehicle must end before another one begins this; empty: none."""
+        """Return the robot whose vehicle must stop before another starts this work, or ""."""
         now_s = anyio.current_time()
         for robot in self._gone:
             if robot not in self._claims:
-                return robot  # at what, nobody has heard
+                return robot  # its work is unknown
         for robot, claim in list(self._claims.items()):
             if claim.since_s is not None and now_s - claim.since_s >= HOLD_S:
                 del self._claims[robot]
@@ -203,7 +204,7 @@ class OtherAdapters:
                 continue
             elif claim.work == work:
                 if claim.since_s is None:
-                    # It was to end before: its robot is dead, and has not been noticed here yet.
+                    # It should have stopped: its robot is dead, but this was not noticed here yet.
                     claim.since_s = now_s
                 return robot
             elif claim.since_s is not None and claim.work.local_task == work.local_task:
@@ -211,7 +212,7 @@ class OtherAdapters:
         return ""
 
     def told(self) -> dict[str, str]:
-        """Ground local task -> why it cannot be begun, of those that have waited for long."""
+        """Return why local tasks cannot start, by ground local task, if they waited long."""
         now_s, found = anyio.current_time(), {}
         for robot, claim in self._claims.items():
             if claim.since_s is not None and TELL_S <= now_s - claim.since_s < HOLD_S:
@@ -222,14 +223,14 @@ class OtherAdapters:
         return found
 
     def was_done(self, work: OrderedWork) -> bool:
-        """Whether a vehicle did this to its end after it was taken back; asked once."""
+        """Return whether a vehicle completed this work after it was cancelled; answers once."""
         until_s = self._done.pop(work, None)
         return until_s is not None and anyio.current_time() < until_s
 
     def hear(
         self, topic: str, payload: bytes | bytearray, group: TaskGroup, client: aiomqtt.Client
     ) -> None:
-        """Take in a message of another adapter. `group` ends with the client's connection."""
+        """Process a message of another adapter. `group` ends with the client's connection."""
         robot = self._robots.get(topic)
         if robot is None:
             return
@@ -260,7 +261,10 @@ class OtherAdapters:
         self._changed()
 
     def hear_state(self, topic: str, payload: bytes | bytearray, is_retained: bool) -> bool:
-        """Take in a state if it is of another robot's vehicle, and not of long ago."""
+        """Process a state of another robot's vehicle, unless it is retained and so may be old.
+
+        Returns whether the topic is that of another robot's vehicle.
+        """
         robot = self._states.get(topic)
         if robot in self._gone and not is_retained:
             with contextlib.suppress(MessageError):
@@ -294,8 +298,9 @@ class OtherAdapters:
         group.start_soon(self._stop, client, robot, self._gone[robot])
 
     async def _stop(self, client: aiomqtt.Client, robot: str, watch: _Watch) -> None:
-        """Cancel the order of a vehicle whose robot has died, unless another adapter does so, and
-        wait until it has stopped.
+        """Stop the vehicle of a dead robot.
+
+        Cancel its order, unless another adapter does so, and wait until the vehicle has stopped.
         """
         import aiomqtt
 
@@ -319,10 +324,10 @@ class OtherAdapters:
                 await anyio.sleep(0.05)
             await client.unsubscribe(vehicle.topic(STATE))
         except aiomqtt.MqttError:
-            return  # the broker has ended as well, as the other side of it will notice
+            return  # the connection has ended, which the receiving side notices
 
     def _is_due(self, watch: _Watch, now_s: float) -> bool:
-        """Whether nobody has cancelled it yet, or that may have been lost."""
+        """Return whether to send a cancellation: none was sent yet, or it may have been lost."""
         if watch.sent_s is None:
             return True
         is_stopping = watch.state is not None and bool(watch.state.stops)
@@ -346,7 +351,7 @@ class OtherAdapters:
     async def tell(
         self, client: aiomqtt.Client, payload: bytes, of: VehicleAddress | None = None
     ) -> None:
-        """Say something on the topic of this adapter, or of another one."""
+        """Publish a message on the topic of this adapter, or of another one."""
         import aiomqtt
 
         with contextlib.suppress(aiomqtt.MqttError):

@@ -1,13 +1,13 @@
-"""A robot program whose robots are vehicles of VDA 5050.
+"""A robot program whose robots are VDA 5050 vehicles.
 
-`vehicle.py` decides; here are the clock, the broker and the robot's runtime. The broker sends the
-last will of this adapter to the adapters of the other robots, and one of them cancels the vehicle's
-order: a vehicle does not drive on when its robot's process has died and another robot takes over.
-Before an order goes, the others hear what it is for (`other_adapters.py`), and none begins the same
-before this vehicle has ended it.
+`vehicle.py` makes the decisions; this module adds the clock, the broker and the robot's runtime.
+The broker sends the last will of this adapter to the adapters of the other robots, and one of them
+cancels the vehicle's order: so a vehicle does not keep driving when its robot's process has died
+and another robot takes over. Before an order is sent, the other adapters are told what it is for
+(`other_adapters.py`), and none starts the same work until this vehicle has stopped.
 
-A broker that is stopped normally sends all last wills before it ends, also those of vehicles. So a
-last will counts only if its broker is still alive after `GRACE_S`.
+A broker that is shut down normally sends all last wills before it ends, also those of vehicles. So
+a last will counts only if its broker is still alive after `GRACE_S`.
 """
 
 from __future__ import annotations
@@ -63,20 +63,21 @@ if TYPE_CHECKING:
 
 TICK_S = 0.25
 RECONNECT_S = 0.5
-# How long a cancelled task waits for its vehicle to stop: not so long that it is itself taken for
-# one that does not end. The vehicle gets no other order before it has stopped, and nobody the same.
+# How long a cancelled task waits for its vehicle to stop: short enough that the task itself does
+# not count as hanging. Until the vehicle has stopped, it gets no other order, and no other vehicle
+# gets the same work.
 STOP_S = 4.0
 # How long a bid waits for the first state.
 FIRST_STATE_S = 5.0
-# A vehicle without a message is pending for this long; then that is a fault.
+# A vehicle that has sent nothing is pending for this long; after that it is a fault.
 START_UP_S = 20.0
 
 
 def robot_program(layout_file: str | Path, *, record_work: bool = False) -> RobotProgram:
-    """A program for robots that are the vehicles of a layout file, each by its robot's id.
+    """A program for robots that are the vehicles of a layout file, listed by robot id.
 
-    `record_work` is that of RobotProgram. Raises InputError for a file that cannot be used; whether
-    the extra is installed is checked before a robot starts.
+    `record_work` is passed to RobotProgram. Raises InputError for a file that cannot be used.
+    Whether the extra is installed is checked before a robot starts.
     """
     file = load_layout(Path(layout_file))
     program = RobotProgram(record_work=record_work)
@@ -115,7 +116,7 @@ def robot_program(layout_file: str | Path, *, record_work: bool = False) -> Robo
 
 
 class ConnectedVehicle:
-    """One robot's vehicle, its connection to the broker, and its task under way."""
+    """One robot's vehicle, its connection to the broker, and its running task."""
 
     def __init__(self, file: LayoutFile, robot: str) -> None:
         """Raises InputError if the file has no vehicle of this robot."""
@@ -150,7 +151,10 @@ class ConnectedVehicle:
     # -- what the robot's runtime asks for ------------------------------------------------------
 
     async def perform(self, task: TaskContext, stops: tuple[StopTemplate, ...]) -> None:
-        """Have an order carried out; raises TaskFailedError. Cancelled: cancels it there."""
+        """Have the vehicle carry out an order; when cancelled, cancel it there too.
+
+        Raises TaskFailedError.
+        """
         work = OrderedWork(task.activation, task.local_task)
         while holder := self._adapters.holder(work, task.partners):
             self._log.info("waits_for_vehicle", robot=holder, local_task=task.local_task)
@@ -176,7 +180,7 @@ class ConnectedVehicle:
             raise TaskFailedError(self._end.reason)
 
     async def bid(self, stops: tuple[StopTemplate, ...]) -> float | None:
-        """Minus the metres to drive; None for a vehicle that can do nothing now."""
+        """Return minus the metres to drive; None if the vehicle cannot do it now."""
         with anyio.move_on_after(FIRST_STATE_S):
             while not self.vehicle.is_reachable:
                 await self._news.wait()
@@ -189,9 +193,9 @@ class ConnectedVehicle:
             return None
 
     async def run(self, context: RobotContext) -> None:
-        """Keep the connection to the broker as long as the robot lives."""
+        """Keep a connection to the broker as long as the robot lives."""
         self._background = context
-        # A robot without a vehicle has to report that it can do nothing before it fails.
+        # Until its vehicle is heard, a robot must report that it can do nothing.
         self._tell_faults()
         async with anyio.create_task_group() as group:
             group.start_soon(self._tick)
@@ -205,7 +209,7 @@ class ConnectedVehicle:
     # -- the broker ----------------------------------------------------------------------------
 
     async def _connect(self) -> None:
-        """One connection, from its begin to its end."""
+        """Open one connection and serve it until it ends."""
         import aiomqtt
 
         broker, address = self._file.broker, self._address
@@ -252,12 +256,12 @@ class ConnectedVehicle:
                     elif name == CONNECTION and not message.retain:
                         group.start_soon(self._take_link, payload)
                     elif name == CONNECTION or not message.retain:
-                        # A retained state may be of long ago.
+                        # A retained state may be old, so it is ignored.
                         self._take(name, payload)
             except aiomqtt.MqttError as error:
                 self._log.warning("broker_lost", error=str(error))
             except BaseException:
-                # The robot stops in an orderly way, so the broker does not send the last will.
+                # The robot stops cleanly, so the broker will not send the last will.
                 with anyio.CancelScope(shield=True), anyio.move_on_after(STOP_S):
                     self._apply(self.vehicle.cancel)
                     await self._send(client)
@@ -265,7 +269,7 @@ class ConnectedVehicle:
             group.cancel_scope.cancel()
 
     async def _take_link(self, payload: bytes | bytearray) -> None:
-        """Take in a message on the connection topic; a last will counts if the broker lives on."""
+        """Process a connection message; a last will counts only if the broker stays alive."""
         self._link_news += 1
         mine = self._link_news
         if str(Link.BROKEN).encode() in payload:
@@ -290,7 +294,7 @@ class ConnectedVehicle:
                 payload = self._payload(effect.topic, effect.body)
                 await client.publish(self._address.topic(effect.topic), payload)
             except aiomqtt.MqttError:
-                # The connection has ended, as the receiving side will notice; all is sent again.
+                # The connection has ended, which the receiving side notices; all is sent again.
                 return
 
     def _payload(self, topic: str, body: Message) -> bytes:
@@ -299,7 +303,7 @@ class ConnectedVehicle:
         return json.dumps(self._address.headed(header_id, time.time(), body)).encode()
 
     def _take(self, name: str, payload: bytes | bytearray) -> None:
-        """Take in a message; an invalid one is logged once for each topic, and dropped."""
+        """Process a message; an invalid one is logged once per topic and dropped."""
         try:
             message = decode(payload)
             if name == CONNECTION:
@@ -341,7 +345,7 @@ class ConnectedVehicle:
         self._is_starting = False
 
     def _apply(self, step: Callable[[float], list[Effect]]) -> None:
-        """Let the vehicle take one step, and carry out what follows."""
+        """Let the vehicle take one step, and carry out the resulting effects."""
         now_s = time.monotonic()
         for effect in step(now_s):
             match effect:
@@ -360,7 +364,7 @@ class ConnectedVehicle:
         self._news.tell()
 
     def _claim(self, order: Message) -> None:
-        """Say what an order is for, before it goes."""
+        """Announce what an order is for before it is sent."""
         mine = self._adapters.mine
         if self._work is None or (mine is not None and mine.order_id == order["orderId"]):
             return
@@ -369,9 +373,10 @@ class ConnectedVehicle:
         self._outbox.append(Send(ADAPTER, {"adapter": "works", "claim": mine.said()}))
 
     def _release(self, now_s: float) -> None:
-        """Say that the vehicle is at it no longer, once nothing of the order can happen there.
+        """Announce that the vehicle no longer works on the order, once it cannot run any more.
 
-        What a vehicle does that is out of reach nobody knows.
+        Also announced when the vehicle is out of reach, since its work is then unknown, or HOLD_S
+        after it should have stopped.
         """
         mine, vehicle = self._adapters.mine, self.vehicle
         if mine is None or vehicle.order_id == mine.order_id:
@@ -386,7 +391,7 @@ class ConnectedVehicle:
             self._outbox.append(Send(ADAPTER, {"adapter": "stopped", "done": done}))
 
     def _tell_faults(self) -> None:
-        """Report capabilities that this robot has lost or has again."""
+        """Report capabilities that this robot has lost or regained."""
         if self._background is None:
             return
         self._is_starting &= not self.vehicle.is_reachable
@@ -401,7 +406,7 @@ class ConnectedVehicle:
             self._log.warning("capabilities", lost={name: why for name, (why, _) in found.items()})
 
     def _prevented(self) -> dict[str, tuple[str, bool]]:
-        """The local tasks that the vehicle's errors prevent, by the layout file."""
+        """Return the local tasks that the vehicle's errors prevent, according to the file."""
         errors = self.vehicle.state.errors if self.vehicle.state is not None else ()
         found = (
             (name, error) for error in errors for name in self._file.errors.get(error.type, ())
@@ -411,7 +416,7 @@ class ConnectedVehicle:
 
 
 def _named(body: Message) -> dict[str, Any]:
-    """The part of a message that is logged."""
+    """Return the part of a message that is logged."""
     if "orderId" in body:
         return {"order": body["orderId"], "nodes": [node["nodeId"] for node in body["nodes"]]}
     actions = body["actions"] if "actions" in body else body["instantActions"]

@@ -1,11 +1,11 @@
 """One vehicle's order as a state machine: its states and the robot's jobs in, messages out.
 
-Pure: time is an argument, ids count up from the session's name, nothing is sent from here.
-
-An order is of this session, of an earlier life of the same robot (`OURS`), or foreign. One of ours
-that is no longer needed is cancelled as soon as it is seen: the order of a robot that died, or that
-lost its task while its vehicle was out of reach, never runs beside another robot's order. A foreign
-order is left alone, and meanwhile the vehicle takes no work of the team.
+This module is pure: time is an argument, ids count up from the session's name, and it sends
+nothing. An order is from this session, from an earlier incarnation of the same robot (`OURS`), or
+foreign. An order of the adapter (`OURS`) that is no longer needed is cancelled as soon as it is
+seen: so the order of a robot that died, or that lost its task while its vehicle was out of reach,
+never runs beside another robot's order. A foreign order is left alone; meanwhile the vehicle takes
+no work of the team.
 """
 
 from __future__ import annotations
@@ -48,49 +48,49 @@ from mrbt_mesh.formats.file_model import FileModel
 
 Percent: TypeAlias = Annotated[float, Field(ge=0, le=100)]
 
-# How ids of the adapter's orders begin.
+# Prefix of the ids of the adapter's orders.
 OURS = "mrbt-"
-# Period of sending again: orders and instant actions may be lost (quality of service 0).
+# Period for repeating messages: orders and instant actions may be lost (quality of service 0).
 AGAIN_S = 2.0
 # An order that is neither accepted nor refused within this time has failed.
 ACCEPT_S = 10.0
-# A vehicle that drives on for this long after a cancellation is a fault.
+# A vehicle that keeps driving for this long after a cancellation is faulty.
 OBEY_S = 10.0
-# A vehicle that may go on with an order that was given up is waited for this long.
+# How long to wait for a vehicle that may continue an order that was given up.
 HOLD_S = 60.0
-# A pause of this length is a fault: pressing a button by mistake is none.
+# A pause of this length is a fault; a shorter one may be a button pressed by mistake.
 PAUSED_S = 5.0
 # An order without progress for this long has failed, unless the layout file says otherwise.
 NO_PROGRESS_S = 120.0
-# The standard has vehicles send a state every 30 s at least.
+# The standard requires vehicles to send a state at least every 30 s.
 SILENT_S = 45.0
-# An outage of the broker of this length is no fault: orders go on.
+# A shorter outage of the broker is not a fault: orders continue.
 BROKER_S = 3.0
 NO_BROKER = "no connection to the broker"
-# Who has said goodbye has to say that it is back: states may have been on their way before.
+# A vehicle that signed off must announce its return: its states may have been sent before.
 GOODBYE = frozenset({Link.OFFLINE, Link.HIBERNATING})
 ENDED = FINISHED, FAILED
 # Finished instant actions are cleared when there are this many.
 MANY_INSTANT_ACTIONS = 20
 BEGUN = frozenset({INITIALIZING, RUNNING, PAUSED, FINISHED, RETRIABLE})
-# A state that is older than the one before, by number and by time, came late; if for so long there
-# is none but such, the vehicle counts anew, and its clock has gone back.
+# A state with a smaller number and an earlier time than the one before is late. If only late states
+# arrive for this long, the vehicle has restarted its numbers and its clock was set back.
 LATE_S = 10.0
-# States that cannot be read are a fault once there has been no other one for so long.
+# Unreadable states are a fault once no readable state has arrived for this long.
 UNREADABLE_S = 5.0
-# A silence of this length is named when an order stands still.
+# A silence of this length is mentioned if an order makes no progress.
 SAID_NOTHING_S = 15.0
-# A vehicle that names its order and says nothing of its actions has forgotten them.
+# A vehicle that names its order but lists nothing of it for this long has forgotten the order.
 FORGOTTEN_S = 5.0
-# How a vehicle answers an order that it has already, when it is sent again.
+# Errors with which a vehicle answers a repeated order that it already has.
 KNOWN_ALREADY = frozenset({"orderupdateerror", "sameorderupdateid"})
 
 
 def ours_runs(state: VehicleState) -> bool:
-    """Whether a vehicle still has something to drive or to do for an order of this adapter."""
+    """Return whether a vehicle still has nodes, edges or actions of an adapter's order left."""
     if not state.order_id.startswith(OURS):
         return False
-    # Up to 2.1 instant actions, e.g. to charge, are among those of the order.
+    # Up to 2.1, instant actions, e.g. to charge, are listed among those of the order.
     return bool(state.nodes_left or state.edges_left) or any(
         status not in ENDED
         for name, status in state.actions.items()
@@ -108,7 +108,7 @@ class Send:
 
 @dataclass(frozen=True)
 class Ended:
-    """The job is over; `reason`: why it failed."""
+    """The job has ended; `reason`: why it failed."""
 
     success: bool
     reason: str = ""
@@ -116,7 +116,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class OrderProgress:
-    """How much of the order's nodes and actions is done, 0 to 1."""
+    """The fraction of the order's nodes and actions that is done, from 0 to 1."""
 
     fraction: float
 
@@ -133,7 +133,7 @@ class Battery(FileModel):
 
 @dataclass
 class _TakenBack:
-    """The order of a job that was cancelled, and what the vehicle has said of its actions."""
+    """The order of a cancelled job, and the statuses of its actions seen so far."""
 
     work: Hashable
     order: VehicleOrder
@@ -142,9 +142,9 @@ class _TakenBack:
 
 
 class Vehicle:
-    """The order of one vehicle. Every method returns what is to be done; `now_s` never goes back.
+    """The order of one vehicle. Event methods return effects to carry out; `now_s` is monotonic.
 
-    `session` is a name that no other life of this robot has.
+    `session` is a name unique to this incarnation of the robot.
     """
 
     def __init__(
@@ -168,29 +168,29 @@ class Vehicle:
         self._newest_s = now_s
         self._job: tuple[StopTemplate, ...] | None = None
         self._order: VehicleOrder | None = None
-        # An order that was sent, and whose job is over. It is lost from sight if the vehicle had
-        # taken it, was not seen to end it, and does not list it: it may go on with it.
+        # An order that was sent and whose job has ended. It is lost from sight if the vehicle had
+        # accepted it, was not seen to end it, and does not list it: it may still be running.
         self._stale: VehicleOrder | None = None
         self._is_lost_from_sight = False
         self._sent_s = self._first_sent_s = now_s
-        # The state before the order was sent; what the vehicle has said of the order since.
+        # The state before the order was sent; the statuses of the order's actions seen since.
         self._before: VehicleState | None = None
         self._seen: dict[str, str] = {}
         self._is_taken = False
-        # Whether it was at the order's goal while it named the order.
+        # True if the vehicle was at the order's goal while it named the order.
         self._was_at_goal = False
-        # What the job is for, and the order of one that was taken back: a vehicle out of reach, or
-        # one that does not stop, may do it to its end.
+        # The purpose of the job, and the order of a cancelled job: a vehicle that is out of reach,
+        # or does not stop, may still complete it.
         self._work: Hashable = None
         self._taken_back: _TakenBack | None = None
         self._unreadable = ""
         self._listed_s = now_s
-        # How far the order is, and since when.
+        # The progress of the order, and since when it has not changed.
         self._progress: tuple[object, ...] = ()
         self._progress_s = now_s
         self._paused_s: float | None = None
         self._cleared_s = now_s - AGAIN_S
-        # The cancellation that is under way: its newest id, when it began, when it was sent last.
+        # The current cancellation: its newest id, when it began, when it was last sent.
         self._cancel: tuple[str, float, float] | None = None
         self._unlinked_s: float | None = now_s - BROKER_S
         self._heard_s = now_s
@@ -200,7 +200,7 @@ class Vehicle:
     # -- what happens --------------------------------------------------------------------------
 
     def linked(self, now_s: float) -> list[Effect]:
-        """The adapter has its connection to the broker: nothing that was heard before counts."""
+        """The adapter has connected to the broker: earlier messages no longer count."""
         self._unlinked_s = None
         self._link = Link.UNKNOWN
         self.state = None
@@ -216,12 +216,12 @@ class Vehicle:
         return []
 
     def connection(self, link: Link, now_s: float) -> list[Effect]:
-        """The vehicle's connection topic, which is retained, or its last will."""
+        """Process a message on the connection topic: a retained one, or the last will."""
         if link is not Link.ONLINE and self._link is Link.UNKNOWN and self._is_news_due(now_s):
-            return []  # a restarted broker may have retained the last wills of its end
+            return []  # a restarted broker may have retained last wills from its shutdown
         was, self._link = self._link, link
         if link is not Link.ONLINE:
-            # Its state will be another one when it comes back.
+            # The vehicle's state will have changed when it returns.
             self.state = None
             return []
         if was is Link.ONLINE:
@@ -230,17 +230,17 @@ class Vehicle:
         return [self._request_state()]
 
     def said(self, state: VehicleState, now_s: float) -> list[Effect]:
-        """A state message that is not retained.
+        """Process a state message that is not retained.
 
-        Its vehicle is online even if the connection topic has no word of it or a last will: a
-        restarted broker has forgotten that, and not every vehicle announces itself again.
+        It shows that the vehicle is online, even if the connection topic is empty or has a last
+        will: a restarted broker has forgotten it, and not every vehicle announces itself again.
         """
         if self._link in GOODBYE or self._is_late(state, now_s):
             return []
         self._unreadable = ""
         self.state, self._heard_s, self._link = state, now_s, Link.ONLINE
         if state.charge_percent is not None:
-            # One that charges when it is first heard may have been low before.
+            # A vehicle that is charging when first heard may have been low before.
             is_low = state.is_charging if self._is_low is None else self._is_low
             limit = self._battery.enough_percent if is_low else self._battery.low_percent
             self._is_low = state.charge_percent < limit
@@ -251,12 +251,12 @@ class Vehicle:
         return [*self._advance(now_s), *self._cleared_instant_actions(state, now_s)]
 
     def unreadable(self, reason: str, now_s: float) -> list[Effect]:
-        """A state that nobody can read: the vehicle is there, and what it does is not known."""
+        """Process an unreadable state: the vehicle is there, but its activity is unknown."""
         self._unreadable = reason
         return self._advance(now_s)
 
     def _is_late(self, state: VehicleState, now_s: float) -> bool:
-        """Whether a state was overtaken by a newer one on its way."""
+        """Return whether a state arrived after a newer one."""
         if state.header is None:
             return False
         newest = self._newest
@@ -268,7 +268,7 @@ class Vehicle:
         return False
 
     def _cleared_instant_actions(self, state: VehicleState, now_s: float) -> list[Effect]:
-        """A vehicle of 3.0 reports them for ever, and its list may become full."""
+        """Clear ended instant actions: a 3.0 vehicle keeps them, and its list may become full."""
         ended = sum(status in ENDED for status in state.instant_actions.values())
         is_due = self._dialect.keeps_instant_actions and ended >= MANY_INSTANT_ACTIONS
         if not is_due or self._cancel is not None or now_s - self._cleared_s < AGAIN_S:
@@ -279,61 +279,61 @@ class Vehicle:
     def start(
         self, stops: Sequence[StopTemplate], now_s: float, work: Hashable = None
     ) -> list[Effect]:
-        """A new job; the one before has ended or was cancelled.
+        """Start a new job; the previous one must have ended or been cancelled.
 
-        `work`: what it is for. If that was cancelled before, and the vehicle has done it to its end
-        all the same, it is done.
+        `work`: its purpose. If the same work was cancelled before but the vehicle completed it
+        nevertheless, the job succeeds at once.
         """
         self._job, self._work = tuple(stops), work
         self._was_cut_off = False
         return self._advance(now_s)
 
     def cancel(self, now_s: float) -> list[Effect]:
-        """The job is no longer needed: its order is cancelled at the vehicle."""
+        """Cancel the job, and its order at the vehicle."""
         if self._job is not None and self._order is not None and self._work is not None:
             self._taken_back = _TakenBack(self._work, self._order, dict(self._seen))
         self._give_up()
         return self._advance(now_s)
 
     def tick(self, now_s: float) -> list[Effect]:
-        """Time has passed."""
+        """Advance the time."""
         return self._advance(now_s)
 
     # -- what is known -------------------------------------------------------------------------
 
     @property
     def is_reachable(self) -> bool:
-        """Whether the vehicle is online and has sent its state."""
+        """True if the vehicle is online and has sent its state."""
         return self._unlinked_s is None and self._link is Link.ONLINE and self.state is not None
 
     @property
     def is_clear(self) -> bool:
-        """Whether nothing of ours is left at the vehicle; unknown while it is out of reach."""
+        """True if the vehicle has no order of the adapter; False while it is out of reach."""
         sent = self._order is not None or self._stale is not None
         return self.is_reachable and not sent and not self._ours_runs()
 
     @property
     def order_id(self) -> str:
-        """The id of the order under way; empty: there is none."""
+        """The id of the current order; empty if there is none."""
         return self._order.order_id if self._order is not None else ""
 
     def has_done(self, work: Hashable) -> bool:
-        """Whether the vehicle has done this to its end although it was taken back."""
+        """Return whether the vehicle completed this work although it was cancelled."""
         taken_back = self._taken_back
         return taken_back is not None and taken_back.work == work and taken_back.is_done
 
     def is_out_of_reach(self, now_s: float) -> bool:
-        """Whether the broker is there, and the vehicle is not."""
+        """Return whether the broker is connected but the vehicle is not reachable."""
         if self._unlinked_s is not None or self.is_reachable:
             return False
         return self._link not in (Link.ONLINE, Link.UNKNOWN) or now_s - self._heard_s >= OBEY_S
 
     def fault(self, now_s: float) -> str:
-        """Why this vehicle can do nothing for the team now; empty if it can."""
+        """Return why this vehicle cannot work for the team now; empty if it can."""
         if self._unlinked_s is not None:
             return "" if now_s - self._unlinked_s < BROKER_S else NO_BROKER
         if self._link is not Link.ONLINE:
-            # Just linked again: the retained messages of the broker have not come yet.
+            # Just reconnected: the broker's retained messages have not arrived yet.
             if self._link is Link.UNKNOWN and self._job is not None and self._is_news_due(now_s):
                 return ""
             said = "nothing" if self._link is Link.UNKNOWN else str(self._link)
@@ -353,7 +353,7 @@ class Vehicle:
         return self._was_cut_off and now_s - self._heard_s < BROKER_S
 
     def _trouble(self, state: VehicleState, now_s: float) -> str:
-        """The fault that a reachable vehicle reports; empty for none."""
+        """Return the fault of a reachable vehicle; empty if it has none."""
         fatal = [str(error) for error in self._errors(state) if error.level == FATAL]
         if fatal:
             return f"the vehicle has a fatal error: {fatal[0]}"
@@ -422,7 +422,7 @@ class Vehicle:
         return (state.last_node, state.last_sequence_id) == end
 
     def _is_cleared(self, state: VehicleState, now_s: float) -> bool:
-        """Whether nothing of ours runs, or can still begin."""
+        """Return whether no order of the adapter runs or can still start."""
         if self._ours_runs():
             return False
         stale = self._stale
@@ -435,8 +435,8 @@ class Vehicle:
             return True
         if self._cancel is None:
             return False
-        # The vehicle had not received it yet: its answer to the cancellation comes later. Without
-        # an answer and without a begin the order was lost; if it begins later, it is cancelled.
+        # The vehicle may not have received the order yet, so it answers the cancellation later. If
+        # it neither answers nor starts, the order was lost; if it starts later, it is cancelled.
         answered = state.status_of(self._cancel[0]) in ENDED
         answered = answered or any(e.is_of("actionId", self._cancel[0]) for e in state.errors)
         limit_s = HOLD_S if self._is_lost_from_sight else OBEY_S
@@ -451,7 +451,7 @@ class Vehicle:
         return ours_runs(state)
 
     def _is_stopping(self, state: VehicleState) -> bool:
-        """Whether it still carries out a cancellation, of whomever."""
+        """Return whether the vehicle is still carrying out a cancellation, sent by any adapter."""
         mine = state.status_of(self._cancel[0]) if self._cancel is not None else None
         return bool(state.stops) or mine not in (None, *ENDED)
 
@@ -473,9 +473,9 @@ class Vehicle:
         return [self._instant(action)]
 
     def _begin(self, state: VehicleState, now_s: float) -> list[Effect]:
-        """Send the job's order, from where the vehicle is now."""
+        """Send the job's order, starting at the vehicle's present place."""
         if self._trouble(state, now_s):
-            # The capability is lost, so the plan will take the job away, or it passes.
+            # The capability is lost: the plan will take the job away, or the fault passes.
             return []
         assert self._job is not None
         try:
@@ -493,7 +493,7 @@ class Vehicle:
         if refusal:
             return self._end(False, f"the vehicle refused the order: {refusal}")
         if now_s - self._first_sent_s >= ACCEPT_S:
-            # If it is received later, it will be cancelled: no job has that order.
+            # If the order arrives later, it will be cancelled, since no job has it any more.
             new = [str(error) for error in self._errors(state) if self._is_new(error)]
             new += [f"its states cannot be read: {self._unreadable}"] if self._unreadable else []
             said = f": {'; '.join(new[:3])}" if new else ""
@@ -504,7 +504,7 @@ class Vehicle:
         return []
 
     def _has_come_to_its_end(self, state: VehicleState, order: VehicleOrder) -> bool:
-        """Whether an idle vehicle that names no order has reached the end of this one since."""
+        """Return whether an idle vehicle without an order has since reached this order's end."""
         end = order.nodes[-1].name, order.last_sequence_id
         before = self._before
         was = (before.last_node, before.last_sequence_id) if before is not None else None
@@ -512,15 +512,15 @@ class Vehicle:
         return is_idle and (state.last_node, state.last_sequence_id) == end != was
 
     def _dropped(self, state: VehicleState, order: VehicleOrder) -> list[Effect]:
-        """The end of an order that the vehicle had taken and does not name any more.
+        """End an order that the vehicle had accepted but no longer names.
 
-        It is never sent again: what it asks for would be done twice.
+        It is never sent again, because its actions would be done twice.
         """
         is_there = self._was_at_goal or self._has_come_to_its_end(state, order)
         if _is_done(order, self._seen, is_there or self._is_at_goal(state, order)):
             return self._end(True, "")
         if state.mode not in FOLLOWING:
-            return []  # somebody else has taken it over, which is a fault of the vehicle
+            return []  # the vehicle was taken out of automatic control, which is a fault
         broken = [name for name, status in self._seen.items() if status in (FAILED, RETRIABLE)]
         if broken:
             return self._end(False, self._why(state, order, broken[0]))
@@ -529,13 +529,13 @@ class Vehicle:
         return self._end(False, text, is_lost_from_sight=not other)
 
     def _done(self, order: VehicleOrder) -> str:
-        """What was last seen of the actions of an order that has not come to its end."""
+        """Describe the last seen statuses of an unfinished order's actions."""
         actions = [action for node in order.nodes for action in node.actions]
         seen = [f"{a.type} {self._seen.get(a.action_id, 'never')}" for a in actions]
         return f"last seen: {', '.join(seen)}" if seen else "it has no actions"
 
     def _stalled(self, state: VehicleState, order: VehicleOrder, now_s: float) -> str:
-        """Why an order has made no progress for too long; empty if it has."""
+        """Return why an order has made no progress for too long; empty if it has made some."""
         place = state.place
         where = (round(place.x, 1), round(place.y, 1), round(place.theta, 1)) if place else ()
         statuses = tuple(state.actions.get(name, "") for name in order.action_ids)
@@ -566,8 +566,8 @@ class Vehicle:
         return self._seen.get(action_id) == PAUSED
 
     def _judged(self, state: VehicleState, order: VehicleOrder, now_s: float) -> list[Effect]:
-        """The progress or the end of the order that the vehicle has accepted."""
-        # What is FINISHED stays so: some vehicles list only what is left.
+        """Return the progress or the end of an order that the vehicle has accepted."""
+        # FINISHED actions stay finished: some vehicles list only the remaining ones.
         statuses = {name: self._seen.get(name, "") for name in order.action_ids}
         broken = [name for name, status in statuses.items() if status in (FAILED, RETRIABLE)]
         stopping = [error for error in self._errors(state) if error.level in STOPPING]
@@ -575,7 +575,7 @@ class Vehicle:
         if not (state.nodes_left or state.edges_left) and _is_done(order, self._seen, is_there):
             return self._end(True, "")
         if state.mode not in FOLLOWING:
-            return []  # somebody else has taken it over, which is a fault of the vehicle
+            return []  # the vehicle was taken out of automatic control, which is a fault
         if state.nodes_left or state.edges_left or set(statuses.values()) - {FINISHED, FAILED}:
             if stopping and stopping[0].level != FATAL:
                 return self._end(False, f"the vehicle cannot go on: {stopping[0]}")
@@ -600,7 +600,7 @@ class Vehicle:
         return self._end(False, f"the order ended at {where}; {self._done(order)}")
 
     def _has_forgotten(self, state: VehicleState, order: VehicleOrder, now_s: float) -> bool:
-        """Whether the vehicle lists nothing of the order any more that is not done."""
+        """Return whether the vehicle has listed nothing of the order for FORGOTTEN_S."""
         is_listed = state.nodes_left or state.edges_left or {*state.actions} & {*order.action_ids}
         if is_listed:
             self._listed_s = now_s
@@ -615,7 +615,7 @@ class Vehicle:
         return f"the vehicle's action {actions[action_id].type} failed{because}"
 
     def _refusal(self, state: VehicleState, order: VehicleOrder) -> str:
-        """Why the vehicle does not take the order: by an error that names it, or none at all."""
+        """Return why the vehicle refuses the order: an error that names it, or names nothing."""
         if state.order_id == order.order_id:
             return ""
         errors = [error for error in state.errors if error.is_of("orderId", order.order_id)]
@@ -629,9 +629,9 @@ class Vehicle:
         return str(errors[0]) if errors else ""
 
     def _errors(self, state: VehicleState) -> list[VehicleError]:
-        """The vehicle's errors, but for those about other orders than the one under way.
+        """Return the vehicle's errors, except those about other orders than the current one.
 
-        One that is FATAL counts until the vehicle takes it back, whichever order of ours it hit.
+        A FATAL error about any order of the adapter counts until the vehicle withdraws it.
         """
         order = self._order or self._stale
         mine = order.order_id if order is not None else ""
@@ -646,7 +646,7 @@ class Vehicle:
         return self._before is None or error not in self._before.errors
 
     def _end(self, success: bool, reason: str, is_lost_from_sight: bool = False) -> list[Effect]:
-        """The job is over; what may be left of its order is cancelled with the next news."""
+        """End the job; a possible rest of its order is cancelled at the next event."""
         self._give_up()
         self._is_lost_from_sight = is_lost_from_sight
         return [Ended(success, reason)]
@@ -673,9 +673,9 @@ def _is_about_ours(error: VehicleError) -> bool:
 
 
 def _is_done(order: VehicleOrder, seen: Mapping[str, str], is_at_goal: bool) -> bool:
-    """Whether all of an order was seen done: each action FINISHED, and the goal reached.
+    """Return whether the order was seen done: all actions FINISHED, and the goal reached.
 
-    Who has done what is to be done there has been at the goal.
+    A vehicle that has finished the actions at the goal has been there.
     """
     has_all = all(seen.get(name) == FINISHED for name in order.action_ids)
     return has_all and (is_at_goal or bool(order.nodes[-1].actions))

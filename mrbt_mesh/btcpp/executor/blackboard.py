@@ -1,4 +1,4 @@
-"""Blackboards: entries with types and write counts, one board per SubTree, remapped to its parent.
+"""Blackboards: entries with types and write counts. Each SubTree has a board, remapped to a parent.
 
 Source: BehaviorTree.CPP's `Blackboard`. Raises BlackboardError.
 """
@@ -18,7 +18,7 @@ from mrbt_mesh.btcpp.scripts.values import (
     type_of_value,
 )
 
-# The library converts between numbers where nothing is lost, but for these: (type, new type).
+# BehaviorTree.CPP converts numbers when nothing is lost, except for these: (type, new type).
 _NEVER_SAFE = {
     *(("bool", other) for other in ("int", "int64_t", "double")),
     *((other, "bool") for other in ("int", "int64_t")),
@@ -36,13 +36,13 @@ class BoardEntry:
 
     def __init__(self, type_name: str = "") -> None:
         self.type = type_name
-        # Whether a port has given it its type, not the first value.
+        # True if a port has declared its type, rather than the first value.
         self.is_declared = bool(type_name)
         self.value: Any = None
         self.writes = 0
 
     def set(self, value: Any) -> None:
-        """Store a value as it is."""
+        """Store a value without converting it."""
         self.value = value
         self.writes += 1
 
@@ -50,12 +50,12 @@ class BoardEntry:
 class Blackboard:
     """The entries of one tree.
 
-    `remapped` names the parent's entries by their names here; with `autoremap` every other name
+    `remapped` maps names on this board to the parent's entries. With `autoremap`, every other name
     that does not begin with `_` is the parent's as well. `@name` is an entry of the root's board.
 
-    An entry has the type of the first port that names it, or of the first value that it is given;
-    one that is given a text has no type yet. `exact`: a type never changes, as in the library.
-    Otherwise a port's type replaces that of a value, and an entry that no port names takes any.
+    An entry gets its type from the first port that names it, or from the first value it is given; a
+    text gives it no type. `exact`: a type never changes, as in BehaviorTree.CPP. Otherwise a port's
+    type replaces that of a value, and an entry that no port names accepts values of any type.
 
         board["goal"] = "dock"
         board.get("battery", 1.0)
@@ -82,7 +82,10 @@ class Blackboard:
     # -- as nodes and scripts see it ----------------------------------------------------------
 
     def find(self, name: str) -> BoardEntry | None:
-        """The entry of this name, wherever it is; None if nobody declared or wrote it."""
+        """Return the entry of this name on this or an outer board.
+
+        None if it was neither declared nor written.
+        """
         if name.startswith("@"):
             return self.root.find(name[1:])
         board: Blackboard = self
@@ -103,7 +106,7 @@ class Blackboard:
         return name if self.autoremap and not name.startswith("_") else None
 
     def declare(self, name: str, type_name: str = "") -> BoardEntry:
-        """The entry of this name, made where it belongs if it does not exist."""
+        """Return the entry of this name; create it on the board it belongs to if needed."""
         if name.startswith("@"):
             return self.root.declare(name[1:], type_name)
         entry = self._entries.get(name)
@@ -117,7 +120,7 @@ class Blackboard:
         return entry
 
     def _retype(self, name: str, entry: BoardEntry, type_name: str) -> None:
-        """A port names an entry that has the type of a value: the port's holds from now on."""
+        """Replace the type that an entry got from a value by that of a port, if it can convert."""
         try:
             value = converted(name, entry.value, type_name)
         except BlackboardError:
@@ -141,7 +144,7 @@ class Blackboard:
         entry.set(kept)
 
     def own(self, name: str, value: Any) -> None:
-        """Set an entry of this very board, whatever it would be remapped to."""
+        """Set an entry of this board itself, ignoring remapping."""
         entry = self._entries.setdefault(name, BoardEntry())
         entry.type = "" if isinstance(value, str) else type_of_value(value)
         entry.set(value)
@@ -177,14 +180,14 @@ class Blackboard:
             watcher()
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The value of an entry, `default` if it has none."""
+        """Return the value of an entry, or `default` if it has none."""
         value = self.read(name)
         return default if value is None else value
 
     def unset(self, name: str) -> None:
-        """Remove an entry, wherever it is; nothing happens if there is none.
+        """Remove an entry from this or an outer board; does nothing if there is none.
 
-        With `exact`, as in the library, an entry of the parent stays.
+        With `exact`, as in BehaviorTree.CPP, an entry of the parent stays.
         """
         if name.startswith("@"):
             self.root.unset(name[1:])
@@ -196,11 +199,14 @@ class Blackboard:
                 self.parent.unset(outer)
 
     def names(self) -> Iterator[str]:
-        """The entries of this very board, sorted."""
+        """Return the names of this board's own entries, sorted."""
         return iter(sorted(self._entries))
 
     def keys(self) -> list[str]:
-        """The entries of this very board that have a value, sorted; `dict(board)` has both."""
+        """Return the names of this board's own entries that have a value, sorted.
+
+        `dict(board)` returns names and values.
+        """
         return [name for name in self.names() if self._entries[name].value is not None]
 
     def __iter__(self) -> Iterator[str]:
@@ -213,12 +219,12 @@ class Blackboard:
         return True
 
     def watch(self, watcher: Callable[[], None]) -> None:
-        """Call `watcher` whenever a program, not a node, sets an entry."""
+        """Call `watcher` whenever the program, not a node, sets an entry."""
         self.root._watchers.append(watcher)
 
 
 def _is_safe(type_name: str, value: Any) -> bool:
-    """Whether the library may convert a value to an entry's type: numbers to numbers alone."""
+    """Return whether BehaviorTree.CPP converts this value to the type; it does for numbers only."""
     given = type_of_value(value)
     if given in ("", "std::string") or type_name in ("", "std::string", given):
         return True
@@ -227,7 +233,7 @@ def _is_safe(type_name: str, value: Any) -> bool:
 
 
 def converted(name: str, value: Any, type_name: str) -> Any:
-    """`value` as an entry of this type holds it. Raises BlackboardError."""
+    """Convert `value` to the type of an entry. Raises BlackboardError."""
     if not type_name or value is None:
         return value
     try:

@@ -1,7 +1,7 @@
-"""From a file's trees to nodes that can be ticked, with a blackboard for each SubTree.
+"""Builds the nodes of a file's trees, with a blackboard for each SubTree.
 
-The file has been checked already (`files.check`). Here are the rules of this robot: nodes that are
-not registered, ports that a leaf does not have or that are missing, SubTrees that are in no file.
+The file has been checked already (`files.check`). This module checks what depends on the robot:
+nodes that are not registered, unknown or missing ports of a leaf, SubTrees that no file defines.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ NODE_TYPES: Mapping[str, type[TreeNode]] = {
     **BUILTIN_LEAVES,
     **NAV2,
 }
-# A function's int may be either, and so may a program's.
+# A Python int may be either of these.
 _PYTHON_INT = {"int", "int64_t"}
-# An entry of these types may be any port's.
+# An entry of one of these types matches every port.
 _TEXT_OR_ANY = ("", "std::string", ANY_TYPE)
 
 
@@ -73,7 +73,7 @@ class _Where:
 def build_nodes(
     library: Library, tree: str, leaves: Leaves, world: TreeWorld, board: Blackboard
 ) -> list[TreeNode]:
-    """All nodes of the tree, in preorder, ready to be ticked. Raises FileError."""
+    """Return all nodes of the tree in preorder, ready to be ticked. Raises FileError."""
     builder = _Builder(library, leaves, world)
     builder.tree(tree, Element("root"), _Where(library.documents[0].file, tree, board))
     if builder.problems:
@@ -95,7 +95,10 @@ def build_nodes(
 
 
 def _keep_from_yielding(guard: TreeNode, is_exact: bool) -> None:
-    """Children before the last one of a reactive node decide within the tick."""
+    """Make the nodes below `guard` decide within the tick, unless the tree is exact.
+
+    Guards are all children of a reactive node except the last one.
+    """
     if not is_exact:
         guard.yields = False
         for child in guard.children:
@@ -114,7 +117,7 @@ class _Builder:
         self.problems.append(Problem(where.file, line, where.path, message))
 
     def tree(self, name: str, reference: Element, where: _Where) -> TreeNode | None:
-        """The one child of a <BehaviorTree>; `reference` is what asks for it."""
+        """Build the only child of a <BehaviorTree>. `reference` is the element that names it."""
         source = self.library.trees.get(name)
         if source is None:
             missing = ", ".join(self.library.missing_files)
@@ -177,7 +180,7 @@ class _Builder:
         return node
 
     def _node_type(self, name: str) -> type[TreeNode] | None:
-        """A node of Nav2's name that the program registers is the program's."""
+        """Return the class of a node type. The program may replace Nav2's nodes by its own."""
         if name in NAV2 and name in self.leaves.names():
             return self.leaves.node_types.get(name)
         return NODE_TYPES.get(name) or self.leaves.node_types.get(name)
@@ -203,7 +206,10 @@ class _Builder:
         node.conditions = scripts
 
     def _check_children(self, node: TreeNode, element: Element, where: _Where) -> None:
-        """Nodes of programs and Nav2; those of BehaviorTree.CPP have been checked."""
+        """Check the number of children of the program's and Nav2's nodes.
+
+        BehaviorTree.CPP's own nodes have been checked already.
+        """
         found = len(element.children)
         least, most = node.CHILDREN
         if node.type not in BUILTIN and (found < least or (most is not None and found > most)):
@@ -234,7 +240,7 @@ class _Builder:
                 self.problem(where, element.line, f"{node.type}: {message}")
 
     def _entry_type(self, node: TreeNode, leaf: Leaf | None, port: str) -> str:
-        """The type that a port gives to its entry: that of the function, else of the model."""
+        """Return the type of a port's entry: that of the function, else that of the model."""
         if leaf is not None and port in leaf.ports:
             return leaf.ports[port].type
         model = self.library.model(node.type)
@@ -251,18 +257,18 @@ class _Builder:
         for name, port in leaf.ports.items():
             given = node.ports.get(name, node.defaults.get(name))
             if port.writes and port.is_optional and given == "":
-                # As editors write an output that is left out.
+                # Editors write an omitted output port like this.
                 continue
             is_lost = port.writes and given is not None and pointer(given, name) is None
             if given is None and not port.is_optional:
                 self.problem(where, element.line, f"{node.type}: port {name!r} is missing")
             elif is_lost and (name in node.ports or not port.reads):
-                # A default that is a value is for reading.
+                # A default that is a plain value can only be read.
                 message = f"{node.type}: port {name!r} is written, it needs an entry: {{{name}}}"
                 self.problem(where, element.line, message)
 
     def _inner(self, element: Element, where: _Where) -> _Where:
-        """The blackboard of a SubTree."""
+        """Return the place inside a SubTree, with a blackboard of its own."""
         autoremap, given, missing = self.library.subtree_ports(element)
         board = Blackboard(where.board, autoremap, exact=self.world.exact)
         for name in missing:

@@ -1,4 +1,4 @@
-"""BehaviorTree.CPP's own leaves, but for Sleep, which waits."""
+"""BehaviorTree.CPP's own leaves, except Sleep, which waits (see `timed`)."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class SetBlackboard(TreeNode):
         return SUCCESS
 
     def _target(self) -> str:
-        """The name of the entry to write; one in braces is an entry that holds the name."""
+        """Return the name of the entry to write; a name in braces refers to an entry holding it."""
         key = pointer(self.ports.get("output_key", ""), "output_key")
         if key is not None and self.board.read(key) is None:
             raise TickError(
@@ -110,7 +110,7 @@ class UnsetBlackboard(TreeNode):
 
 
 class WasEntryUpdated(TreeNode):
-    """SUCCESS if an entry was written since it was asked last."""
+    """Returns SUCCESS if an entry was written since the last SUCCESS, else FAILURE."""
 
     __slots__ = ("seen",)
 

@@ -1,7 +1,7 @@
-"""BehaviorTree.CPP's control nodes: what they tick, in which order, and what they make of it.
+"""BehaviorTree.CPP's control nodes: which children they tick, in which order, and their status.
 
-A control whose children were all skipped is SKIPPED; as in the library its status stays RUNNING
-until its parent resets it.
+A control whose children were all skipped returns SKIPPED. As in BehaviorTree.CPP, its own status
+stays RUNNING until its parent resets it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mrbt_mesh.btcpp.scripts.values import read_real
 
 
 class InOrder(TreeNode):
-    """Sequence and Fallback with their Async forms: go on where it stopped.
+    """Sequence, Fallback and their Async forms: each tick continues at the child that was running.
 
     An Async form returns RUNNING after each child that ended in one tick, so that it can be
     halted there.
@@ -66,7 +66,7 @@ class InOrder(TreeNode):
         return self.ended(SKIPPED if self.skipped == count else self.goes_on)
 
     def stopped(self, status: NodeStatus) -> NodeStatus:
-        """A child does not let it go on."""
+        """End the run because a child returned `status`, which stops it."""
         self.index = 0
         reset_all(self.children)
         return status
@@ -91,7 +91,7 @@ class SequenceWithMemory(InOrder):
 
 
 class Reactive(TreeNode):
-    """ReactiveSequence and ReactiveFallback: all children before the running one, at every tick."""
+    """ReactiveSequence and ReactiveFallback: every tick starts again at the first child."""
 
     __slots__ = ("goes_on",)
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
@@ -121,7 +121,7 @@ class Reactive(TreeNode):
 
 
 class ParallelNode(TreeNode):
-    """All children at every tick, until enough have succeeded or failed."""
+    """Ticks all unfinished children at every tick, until enough have succeeded or failed."""
 
     __slots__ = ("done", "failures", "successes")
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
@@ -131,7 +131,10 @@ class ParallelNode(TreeNode):
         self.successes = self.failures = 0
 
     def threshold(self, port: str) -> tuple[int, int]:
-        """A threshold as given, and counted from the number of children if it is negative."""
+        """Return a threshold as given and as a count; a negative one counts back from all children.
+
+        Raises TickError if it is above the number of children.
+        """
         given, count = int(self.input(port, "int")), len(self.children)
         counted = given if given >= 0 else max(count + given + 1, 0)
         if counted > count:
@@ -155,7 +158,7 @@ class ParallelNode(TreeNode):
         return SKIPPED if skipped == count else RUNNING
 
     def tick_child(self, index: int) -> bool:
-        """Tick a child that has not ended yet; whether it was skipped."""
+        """Tick a child unless it has ended. Returns whether it was skipped."""
         if index in self.done:
             return False
         status = self.children[index].execute()
@@ -167,7 +170,7 @@ class ParallelNode(TreeNode):
 
 
 class ParallelAll(ParallelNode):
-    """All children to their ends; it fails if `max_failures` of them have failed."""
+    """Runs all children to completion; fails if `max_failures` or more of them failed."""
 
     __slots__ = ()
 
@@ -184,7 +187,7 @@ class ParallelAll(ParallelNode):
 
 
 class IfThenElse(TreeNode):
-    """The first child decides once which of the others is ticked to its end."""
+    """The first child decides once which other child is run to completion."""
 
     __slots__ = ("index",)
     CHILDREN: ClassVar[tuple[int, int | None]] = (2, 3)
@@ -210,7 +213,7 @@ class IfThenElse(TreeNode):
 
 
 class WhileDoElse(TreeNode):
-    """The first child decides at every tick which of the others is ticked."""
+    """The first child decides at every tick which other child is ticked."""
 
     __slots__ = ()
     CHILDREN: ClassVar[tuple[int, int | None]] = (2, 3)
@@ -231,7 +234,7 @@ class WhileDoElse(TreeNode):
 
 
 class Switch(TreeNode):
-    """The child whose case equals the variable, else the last one."""
+    """Ticks the child whose case equals the variable, else the last child."""
 
     __slots__ = ("chosen",)
 
@@ -273,7 +276,7 @@ class Switch(TreeNode):
 
 
 class TryCatch(TreeNode):
-    """All but the last child in order; when one fails, the last one, and then FAILURE."""
+    """Runs all children but the last in order. If one fails, runs the last and returns FAILURE."""
 
     __slots__ = ("in_catch", "index", "skipped")
     CHILDREN: ClassVar[tuple[int, int | None]] = (2, None)

@@ -1,4 +1,4 @@
-"""BehaviorTree.CPP's decorators: what they make of their one child."""
+"""BehaviorTree.CPP's decorators: nodes with a single child."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mrbt_mesh.btcpp.scripts.values import ValueTypeError, read_text, split_item
 
 
 class Decorator(TreeNode):
-    """A node with one child, which is reset once it has completed."""
+    """Base class of nodes with one child, which is reset once it has completed."""
 
     __slots__ = ()
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, 1)
@@ -43,7 +43,7 @@ class Decorator(TreeNode):
 
 
 class Mapped(Decorator):
-    """Inverter, ForceSuccess and ForceFailure: another status for one that completed."""
+    """Inverter, ForceSuccess and ForceFailure: map the status of a completed child to another."""
 
     __slots__ = ("on_failure", "on_success")
     RESULTS: ClassVar[dict[str, tuple[NodeStatus, NodeStatus]]] = {
@@ -65,7 +65,7 @@ class Mapped(Decorator):
 
 
 class Again(Decorator):
-    """RetryUntilSuccessful and Repeat; the count survives a child that is skipped.
+    """RetryUntilSuccessful and Repeat. The count is kept when the child is skipped.
 
     Between two attempts of a child that ended in one tick it returns RUNNING and asks to be ticked
     again at once, so that it can be halted there.
@@ -83,7 +83,7 @@ class Again(Decorator):
         self.count = 0
 
     def _limit(self, before: int) -> int:
-        """The number of attempts as it is now; the one before if it cannot be read any more."""
+        """Return the current number of attempts, or `before` if it can no longer be read."""
         try:
             return int(self.input(self.limit_port, "int"))
         except TickError:
@@ -98,7 +98,7 @@ class Again(Decorator):
             if status is RUNNING:
                 return status
             if status is SKIPPED:
-                # One whose children were all skipped counts as running.
+                # A child that is a control with all children skipped still has status RUNNING.
                 reset(self.child)
                 return status
             if status is not self.goes_on:
@@ -106,7 +106,7 @@ class Again(Decorator):
                 return status
             self.count += 1
             if self.goes_on is FAILURE:
-                # As the library does it: its child may have set another number.
+                # As in BehaviorTree.CPP: the child may have changed the number.
                 limit = self._limit(limit)
             if self.yields and was_idle and (limit == -1 or self.count < limit):
                 self.world.woken_by = self.place
@@ -116,7 +116,7 @@ class Again(Decorator):
 
 
 class KeepRunningUntilFailure(Decorator):
-    """FAILURE once the child fails; RUNNING until then."""
+    """Returns RUNNING until the child fails, then FAILURE."""
 
     __slots__ = ()
 
@@ -126,7 +126,7 @@ class KeepRunningUntilFailure(Decorator):
 
 
 class RunOnce(Decorator):
-    """The child once in the life of the tree; then SKIPPED, or the same answer."""
+    """Runs the child once in the life of the tree; then returns SKIPPED, or the same status."""
 
     __slots__ = ("answer",)
 
@@ -144,7 +144,7 @@ class RunOnce(Decorator):
         return status
 
     def _then_skips(self) -> bool:
-        """What cannot be read counts as true."""
+        """Return the port `then_skip`, or True if it cannot be read."""
         try:
             return bool(self.input("then_skip", "bool"))
         except TickError:
@@ -152,10 +152,10 @@ class RunOnce(Decorator):
 
 
 class Precondition(Decorator):
-    """The child if a script holds, asked before it starts; else the status `else`.
+    """Ticks the child if a script holds before it starts; else returns the status `else`.
 
-    In an exact tree, as in the library, a child that is halted or skipped counts as begun: the
-    script is not asked before the child is ticked again.
+    In an exact tree, as in BehaviorTree.CPP, a child that is halted or skipped counts as started:
+    the script is not checked before the child is ticked again.
     """
 
     __slots__ = ("goes_on", "texts")
@@ -183,8 +183,8 @@ class Precondition(Decorator):
 class Loop(Decorator):
     """The four Loop decorators: put each item of a queue into `value` and tick the child.
 
-    A queue that is a text or a list is begun anew at every start. A `collections.deque` is used up:
-    whoever holds it may add to it meanwhile.
+    A queue that is a text or a list is restarted at every start. A `collections.deque` is consumed;
+    its owner may add items meanwhile.
     """
 
     __slots__ = ("constant", "items", "running")
@@ -213,7 +213,7 @@ class Loop(Decorator):
             raise TickError(f"{self.place}: port 'queue': {error}") from None
 
     def _queue(self) -> deque[Any]:
-        """What is left of this run's queue; the entry's own if it is a deque."""
+        """Return the rest of this run's queue; if the entry is a deque, that very deque."""
         value = self.constant
         if value is None:
             key = self.key("queue")
@@ -239,7 +239,7 @@ class Loop(Decorator):
             if not items:
                 return NodeStatus(self.input("if_empty", "BT::NodeStatus"))
             item = items.popleft()
-            # The library does not mind if there is no entry for it.
+            # As in BehaviorTree.CPP, `value` need not point to an entry.
             if pointer(self.ports.get("value", ""), "value") is not None:
                 self.output("value", item)
         self.status = RUNNING
@@ -249,7 +249,7 @@ class Loop(Decorator):
 
 
 class Updated(Decorator):
-    """SkipUnlessUpdated and WaitValueUpdate: the child once for each write of an entry."""
+    """SkipUnlessUpdated and WaitValueUpdate: run the child only after a new write of an entry."""
 
     __slots__ = ("otherwise", "running", "seen")
 
@@ -274,7 +274,7 @@ class Updated(Decorator):
 
 
 class SubTree(Decorator):
-    """Another tree with a blackboard of its own."""
+    """Runs another tree, which has a blackboard of its own."""
 
     __slots__ = ()
 

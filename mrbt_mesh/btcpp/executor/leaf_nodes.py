@@ -21,14 +21,14 @@ from mrbt_mesh.btcpp.executor.node import (
 from mrbt_mesh.btcpp.files.document import Category, pointer
 from mrbt_mesh.errors import TaskFailedError
 
-# How often the coroutine of a condition may let others run.
+# How often the coroutine of a condition may yield to other tasks.
 MAX_YIELDS = 100
 
 
 class LeafNode(TreeNode):
-    """What actions and conditions have in common: a registered function and its arguments.
+    """Base class of actions and conditions: a registered function and its arguments.
 
-    `reason` is what the function said when it failed last.
+    `reason` is the function's message when it last failed.
     """
 
     __slots__ = ("leaf", "reason")
@@ -39,12 +39,12 @@ class LeafNode(TreeNode):
         self.reason = ""
 
     def arguments(self) -> dict[str, Any]:
-        """The input ports by name. Raises TickError for what is missing or of a wrong type."""
+        """Return the input ports by name. Raises TickError if one is missing or of a wrong type."""
         found: dict[str, Any] = {}
         for name, port in self.leaf.ports.items():
             may_be_missing = port.is_optional or port.writes
             if self.world.exact and port.has_value and name in self.ports:
-                # In the library a default is for a port that is left out, not for its entry.
+                # In BehaviorTree.CPP a default replaces an omitted port, not a missing entry.
                 may_be_missing = False
             is_left_out = port.writes and self.ports.get(name) == ""
             if port.reads and not (may_be_missing and (is_left_out or self._has_no_value(name))):
@@ -63,12 +63,12 @@ class LeafNode(TreeNode):
         return key is not None and self.board.read(key) is None
 
     def _has_entry(self, port: str) -> bool:
-        """Whether what is written has an entry; the default of a port may be a value."""
+        """Return whether an output has an entry to write; a port's default may be a value."""
         text = self.ports.get(port, self.defaults.get(port, ""))
         return port in self.ports or pointer(text, port) is not None
 
     def call(self, inputs: Mapping[str, Any], write: Any) -> Any:
-        """Call the function; `write(port, value)` is behind its output ports."""
+        """Call the function; its output ports call `write(port, value)`."""
         arguments = dict(inputs)
         for name, port in self.leaf.ports.items():
             if port.writes and (self.ports.get(name) or not port.is_optional):
@@ -88,7 +88,7 @@ class LeafNode(TreeNode):
 class SyncLeaf(LeafNode):
     """A condition, or an action that ends within the tick: calls its function at every tick.
 
-    An action waits, RUNNING, while one that was cancelled has not stopped: both may move the robot.
+    An action returns RUNNING while a cancelled one has not stopped: both may move the robot.
     """
 
     __slots__ = ()
@@ -107,7 +107,7 @@ class SyncLeaf(LeafNode):
 
 
 class ActionLeaf(LeafNode):
-    """An action that takes time: begun when it is ticked first, cancelled when it is halted."""
+    """An action that takes time: started at its first tick, cancelled when it is halted."""
 
     __slots__ = ("outcome", "run")
 
@@ -139,7 +139,7 @@ class ActionLeaf(LeafNode):
 
 
 def status_of(result: Any, node: TreeNode) -> NodeStatus:
-    """What a function's result means. Raises TickError."""
+    """Return the status that a function's result stands for. Raises TickError."""
     if result is None:
         return SUCCESS
     truth = _truth_of(result)
@@ -154,8 +154,9 @@ def status_of(result: Any, node: TreeNode) -> NodeStatus:
 
 
 def _finished(result: Any, node: TreeNode) -> Any:
-    """What a coroutine that does not wait returns. To let others run (`asyncio.sleep(0)`, a free
-    lock of anyio's) is not to wait.
+    """Return the result of a coroutine that does not wait. Raises TickError if it waits.
+
+    Yielding to other tasks (`asyncio.sleep(0)`, a free anyio lock) does not count as waiting.
     """
     if not inspect.iscoroutine(result):
         return result
@@ -174,7 +175,7 @@ def _finished(result: Any, node: TreeNode) -> Any:
 
 
 def _truth_of(value: Any) -> bool | None:
-    """A bool, Python's or numpy's; None for anything else."""
+    """Return a Python or numpy bool as a bool; None for anything else."""
     kind = type(value)
     is_numpy = kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
     return bool(value) if is_numpy or kind is bool else None

@@ -1,4 +1,4 @@
-"""The leaves of a robot: Python functions by the names that trees use.
+"""The leaves of a robot: Python functions registered by the names that trees use.
 
     leaves = Leaves()
 
@@ -14,9 +14,9 @@
     def battery_ok(minimum: float) -> bool:
         return battery.charge >= minimum
 
-Parameters are input ports with their types and defaults; `Out[T]` is an output port, `InOut[T]`
-both; `Out[T] | None = None` is one that a file may leave out. `**ports` takes the ports that are
-not named.
+A parameter is an input port with its type and default. `Out[T]` is an output port, `InOut[T]` is
+both; `Out[T] | None = None` is an output port that a file may omit. `**ports` takes all other
+ports.
 """
 
 from __future__ import annotations
@@ -43,19 +43,20 @@ class LeafError(InputError, ValueError):
 
 
 class Out(Generic[T]):
-    """An output port: `set` writes the entry that the port points to, at once."""
+    """An output port: `set` immediately writes the entry that the port points to."""
 
     def __init__(self, write: Callable[[Any], None]) -> None:
         self._write = write
 
     def set(self, value: T) -> None:
-        """Write the entry. Raises TickError if the port points to none, or the type is wrong."""
+        """Write the entry. Raises TickError if the port has no entry, or the type is wrong."""
         self._write(value)
 
 
 class InOut(Out[T]):
-    """A port that is read and written. `value` is the entry's when the leaf began, None if it had
-    none.
+    """A port that is read and written.
+
+    `value` is the entry's value when the leaf started, None if it had none.
     """
 
     def __init__(self, write: Callable[[Any], None], value: T) -> None:
@@ -67,7 +68,7 @@ class InOut(Out[T]):
 class LeafPort:
     """One port: its C++ type (empty: any), its directions, and whether it may be missing.
 
-    `has_value`: its default is one, not None.
+    `has_value`: it has a default other than None.
     """
 
     type: str = ""
@@ -81,7 +82,8 @@ class LeafPort:
 class Leaf:
     """One registered function. `takes_type`: its first argument is the leaf's type.
 
-    `given`: parameters that are no ports, by the types of what they get.
+    `takes_others`: it takes ports that it does not name. `given`: the types of the parameters that
+    are not ports, by name.
     """
 
     name: str
@@ -94,29 +96,29 @@ class Leaf:
 
     @property
     def is_async(self) -> bool:
-        """Whether it is an action that takes time."""
+        """True for an asynchronous action, which may take time."""
         is_coroutine = inspect.iscoroutinefunction(self.function)
         return self.category is Category.ACTION and is_coroutine
 
 
 @dataclass(frozen=True, slots=True)
 class ProgramValue:
-    """A function that gives a value at each call. `given`: the types of its parameters."""
+    """A function of the program that returns a value. `given`: the types of its parameters."""
 
     function: Callable[..., Any]
     given: Mapping[str, type]
 
     def bound(self, values: Mapping[type, Any]) -> Source:
-        """The function with its arguments, which are looked up when it is called."""
+        """Return the function with its arguments bound; they are looked up at each call."""
         return lambda: self.function(**{name: values[kind] for name, kind in self.given.items()})
 
 
 class Leaves:
     """A registry of leaves, which any number of trees may share.
 
-    A parameter with one of the types `given` is no port: the tree has a value for it. Besides
-    leaves it has what trees ask the program for: `entries` and `sources` by their names, and
-    `enums`, the numbers of names in scripts.
+    A parameter of one of the types `given` is not a port: the tree supplies its value. The registry
+    also holds what the program provides to trees: `entries` and `sources` by name, and `enums`, the
+    numbers that names in scripts stand for.
     """
 
     def __init__(self, *given: type) -> None:
@@ -130,25 +132,25 @@ class Leaves:
     def action(self, name: str) -> Callable[[F], F]:
         """Register an action: an async function, or a plain one that ends within a tick.
 
-        It succeeds unless it returns False or NodeStatus.FAILURE, or raises TaskFailedError. `"*"`
-        serves all types without a function of their own; the type is then its first, positional
-        argument. Raises LeafError.
+        It succeeds unless it returns False or NodeStatus.FAILURE, or raises TaskFailedError. The
+        name `"*"` registers a function for all types without one of their own; its first argument,
+        positional-only, is the type. Raises LeafError.
         """
         return self._register(name, Category.ACTION)
 
     def condition(self, name: str) -> Callable[[F], F]:
-        """Register a condition: a function that answers True or False at once.
+        """Register a condition: a function that returns True or False at once.
 
-        It may be async but must not wait: what takes time belongs in an action, or in a task of
-        the program that keeps a value up to date. Raises LeafError.
+        It may be async but must not wait: work that takes time belongs in an action, or in a task
+        of the program that keeps a value up to date. Raises LeafError.
         """
         return self._register(name, Category.CONDITION)
 
     def node(self, name: str) -> Callable[[N], N]:
         """Register a control or decorator: a subclass of TreeNode. Raises LeafError.
 
-        CHILDREN is the number of its children, and `tick` its rule (`controls` and `decorators`
-        have examples). It must not wait, and reads time from its world alone.
+        CHILDREN is the allowed number of children, and `tick` its logic (see the modules `controls`
+        and `decorators` for examples). It must not wait, and must read time only from its world.
         """
 
         def register(node_type: N) -> N:
@@ -164,15 +166,15 @@ class Leaves:
         return register
 
     def entry(self, name: str) -> Callable[[F], F]:
-        """Register a function for the value of an entry of the outermost tree, before each tick.
+        """Register a function that sets an entry of the outermost tree before each tick.
 
-        For what a tree only reads: what a sensor or another part of the program has found. None: no
-        value, the entry stays as it is. Raises LeafError.
+        Use it for values that a tree only reads, from a sensor or another part of the program. If
+        it returns None, the entry stays as it is. Raises LeafError.
         """
         return self._register_value(name.removeprefix("@"), "entry", self.entries)
 
     def source(self, name: str) -> Callable[[F], F]:
-        """Register what Nav2's nodes ask for: `robot_pose`, `robot_speed`, `goal_update`, `paused`.
+        """Register a value for Nav2's nodes: `robot_pose`, `robot_speed`, `goal_update`, `paused`.
 
         Raises LeafError.
         """
@@ -193,11 +195,11 @@ class Leaves:
         return register
 
     def find(self, name: str) -> Leaf | None:
-        """The leaf of this type, else the one for all."""
+        """Return the leaf of this type, else the leaf `"*"`, else None."""
         return self._leaves.get(name) or self._leaves.get("*")
 
     def with_conditions(self, conditions: Mapping[str, Callable[..., bool]]) -> Leaves:
-        """A registry with conditions besides, where it has no function of that name.
+        """Return a copy with these conditions added, except where a function has the same name.
 
         Raises LeafError.
         """
@@ -210,7 +212,7 @@ class Leaves:
         return result
 
     def names(self) -> list[str]:
-        """The registered types, sorted."""
+        """Return the registered types, sorted."""
         return sorted([*self._leaves, *self.node_types])
 
     def _register(self, name: str, category: Category) -> Callable[[F], F]:
@@ -230,7 +232,7 @@ class Leaves:
 def leaf_of(
     name: str, category: Category, function: Callable[..., Any], given: tuple[type, ...] = ()
 ) -> Leaf:
-    """A function as a leaf, its ports by its parameters. Raises LeafError."""
+    """Make a leaf from a function; its parameters become ports. Raises LeafError."""
     if not callable(function) or inspect.isclass(function):
         raise LeafError(f"the leaf {name!r}: {function!r} is not a function")
     try:

@@ -1,10 +1,10 @@
 """Nav2's control nodes and decorators, as its documentation and behavior_trees files use them.
 
-What Nav2 asks of ROS comes from sources that the program registers: `robot_pose` gives (x, y) in
-metres, `robot_speed` metres a second, `goal_update` the latest goal or None, `paused` whether the
-robot is to pause. Source: the C++ of Nav2 1.5 (commit a3a97043). A control does not reset a child
-that has completed before all of it ends, so that an action below it is not begun again, and a
-decorator that has succeeded goes on where it was. Ports and their defaults are in
+The data that Nav2 gets from ROS comes from sources that the program registers: `robot_pose` returns
+(x, y) in metres, `robot_speed` metres per second, `goal_update` the latest goal or None, and
+`paused` whether the robot should pause. Source: the C++ of Nav2 1.5 (commit a3a97043). A control
+does not reset a completed child until the control itself ends, so an action below it is not started
+again, and a decorator that has succeeded continues where it was. Ports and their defaults are in
 `builtin_nodes.NAV2_NODES`.
 """
 
@@ -35,7 +35,7 @@ from mrbt_mesh.btcpp.scripts.values import read_text
 
 
 class PipelineSequence(TreeNode):
-    """A Sequence that ticks the children before the running one again, at every tick."""
+    """A Sequence that, at every tick, also ticks the children before the running one again."""
 
     __slots__ = ("last",)
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
@@ -57,7 +57,7 @@ class PipelineSequence(TreeNode):
 
 
 class NonblockingSequence(TreeNode):
-    """All children at every tick, in order; it fails as soon as one fails."""
+    """Ticks all children in order at every tick; fails as soon as one fails."""
 
     __slots__ = ()
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
@@ -75,7 +75,7 @@ class NonblockingSequence(TreeNode):
 
 
 class PersistentSequence(TreeNode):
-    """A Sequence whose place is the entry `current_child_idx`, which outlives a halt."""
+    """A Sequence that keeps its position in the port `current_child_idx`, even when halted."""
 
     __slots__ = ()
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
@@ -98,17 +98,16 @@ class PersistentSequence(TreeNode):
 
 
 class _Phase(enum.IntEnum):
-    """What a PauseResumeController does, by the number of its child."""
+    """Phase of a PauseResumeController; its value is the index of the child to tick."""
 
     RESUMED, PAUSED, ON_PAUSE, ON_RESUME = range(4)
 
 
 class PauseResumeController(TreeNode):
-    """The first child; while the source `paused` says so, the second one.
+    """Ticks the first child, or the second one while the source `paused` is true.
 
-    Between them the third child is ticked to its end before a pause, and the fourth after it. In
-    place of Nav2's services the program says whether the robot is to pause; without that source it
-    never does.
+    The third child is run to completion before a pause, the fourth after it. The source replaces
+    Nav2's services; without it the robot never pauses.
     """
 
     __slots__ = ("phase",)
@@ -137,7 +136,7 @@ class PauseResumeController(TreeNode):
         if self.status is IDLE:
             self.clear()
             if not self.world.exact:
-                # They stay as they were when it ended: an action would not be begun again.
+                # Children keep their status when this node ends: an action would not start again.
                 reset_all(self.children)
         self.status = RUNNING
         self._turn()
@@ -154,7 +153,7 @@ class PauseResumeController(TreeNode):
 
 
 class RecoveryNode(TreeNode):
-    """The first child; when it fails the second one, and then the first one again."""
+    """Ticks the first child; if it fails, runs the second one and then retries the first."""
 
     __slots__ = ("index", "retries")
     CHILDREN: ClassVar[tuple[int, int | None]] = (2, 2)
@@ -188,10 +187,10 @@ class RecoveryNode(TreeNode):
 
 
 class RoundRobin(TreeNode):
-    """The next child at each turn, until one succeeds.
+    """Ticks the children in turn until one succeeds; the next run continues with the next child.
 
-    With `wrap_around` the first one follows the last. Without, it fails when the last child has
-    ended, even if that has succeeded.
+    With `wrap_around` the first child follows the last. Without it, the node fails when the last
+    child has ended, even if that child succeeded.
     """
 
     __slots__ = ("failed", "index")
@@ -224,10 +223,10 @@ class RoundRobin(TreeNode):
 
 
 class _Gate(Decorator):
-    """Ticks the child the first time, while it runs, and whenever `is_open`.
+    """Ticks the child the first time, while it runs, and whenever `is_open` is true.
 
-    A round ends when somebody resets this node, not when the child ends: below a control that
-    ticks its children again after they have succeeded, the child has to wait.
+    A round ends when this node is reset, not when the child ends: below a control that ticks its
+    children again after they have succeeded, the child has to wait.
     """
 
     __slots__ = ("first", "has_begun")
@@ -242,13 +241,13 @@ class _Gate(Decorator):
 
     @abstractmethod
     def is_open(self) -> bool:
-        """Whether the child is due again."""
+        """Return whether the child is due again."""
 
     def succeeded(self) -> None:
-        """The child has succeeded."""
+        """Called when the child has succeeded."""
 
     def tick(self) -> NodeStatus:
-        # A pre-condition may have ended it before its first round.
+        # A pre-condition may have ended this node before its first round.
         if self.status is IDLE or not self.has_begun:
             self.first = self.has_begun = True
             self.begin()
@@ -264,7 +263,7 @@ class _Gate(Decorator):
 
 
 class RateController(_Gate):
-    """The child at most `hz` times a second."""
+    """Ticks the child at most `hz` times a second."""
 
     __slots__ = ("period_us", "since_us")
 
@@ -294,9 +293,9 @@ class RateController(_Gate):
 
 
 class SpeedController(_Gate):
-    """The child at a rate between `min_rate` and `max_rate`, faster the faster the robot is.
+    """Ticks the child at a rate from `min_rate` to `max_rate` that grows with the robot's speed.
 
-    With a new `goal` or `goals` it begins anew.
+    A new `goal` or `goals` restarts it.
     """
 
     SOURCES = ("robot_speed",)
@@ -334,7 +333,7 @@ class SpeedController(_Gate):
 
 
 class DistanceController(_Gate):
-    """The child each time the robot has travelled `distance` metres, in a straight line."""
+    """Ticks the child each time the robot is `distance` metres, in a straight line, further on."""
 
     SOURCES = ("robot_pose",)
     __slots__ = ("start",)
@@ -358,9 +357,9 @@ class DistanceController(_Gate):
 
 
 class GoalUpdater(Decorator):
-    """Writes the latest goal, else the input, to `output_goal` or `output_goals`; then the child.
+    """Writes the latest goal, else the input, to `output_goal` or `output_goals`; ticks the child.
 
-    The source `goal_update` gives whichever of the two the tree has.
+    The source `goal_update` returns whichever of the two the tree uses.
     """
 
     __slots__ = ()
@@ -375,7 +374,7 @@ class GoalUpdater(Decorator):
 
 
 class SingleTrigger(Decorator):
-    """The child to its end once in each run of its parent; then FAILURE."""
+    """Runs the child to completion once per run of the parent; then returns FAILURE."""
 
     __slots__ = ("is_done",)
 
@@ -394,9 +393,9 @@ class SingleTrigger(Decorator):
 
 
 class GoalUpdatedController(Decorator):
-    """The child the first time, while it runs, and whenever `goal` or `goals` has changed.
+    """Ticks the child the first time, while it runs, and whenever `goal` or `goals` has changed.
 
-    Without such a port the entry of that name counts.
+    Without these ports, the entries of the same names are used.
     """
 
     __slots__ = ("seen",)
@@ -420,14 +419,14 @@ def _goals(node: TreeNode) -> tuple[Any, ...]:
 
 
 def _read_or_entry(node: TreeNode, name: str) -> Any:
-    """The value of a port, or of the entry of that name; None if there is none."""
+    """Return the value of a port, or of the entry of that name; None if there is none."""
     text = node.ports.get(name, f"{{{name}}}")
     key = pointer(text, name)
     return text if key is None else node.board.read(key)
 
 
 class PathLongerOnApproach(Decorator):
-    """The child if near the goal a new path to it is much longer than the one before.
+    """Ticks the child if, near the goal, a new path to it is much longer than the previous one.
 
     A path is a list of points (x, y) in metres, or a message like ROS's nav_msgs/Path.
     """

@@ -1,4 +1,4 @@
-"""What all nodes have in common: statuses, conditions before and after a tick, halting, ports.
+"""Base class of all nodes: statuses, pre- and post-conditions, halting, ports.
 
 Source: BehaviorTree.CPP. Ticking is a plain call: nothing here waits, reads a clock or uses
 randomness. The time is `TreeWorld.now_us`; actions are started and stopped by a list of effects.
@@ -23,13 +23,13 @@ from mrbt_mesh.btcpp.scripts.values import (
     read_text,
 )
 
-# A tick in which more leaves are ticked does not come to an end.
+# A tick that ticks more leaves than this is taken for an endless loop.
 MAX_LEAVES = 20_000
 MICRO = 1_000_000
 
 
 class NodeStatus(enum.IntEnum):
-    """BehaviorTree.CPP's node statuses, by its numbers."""
+    """BehaviorTree.CPP's node statuses, with the same numbers."""
 
     IDLE = 0
     RUNNING = 1
@@ -40,17 +40,17 @@ class NodeStatus(enum.IntEnum):
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 COMPLETED = (SUCCESS, FAILURE)
-# What decides a node that is to start, in this order, and its status then.
+# Conditions checked in this order before a node starts, and the status if one holds.
 _BEFORE_START = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
 
 
 class TickError(Exception):
-    """What ends a run from inside: a wrong threshold, a missing entry, a script that fails."""
+    """An error that ends a run: a wrong threshold, a missing entry, a failing script."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartLeaf:
-    """Begin the action of node `uid`; `run` counts its starts. `inputs` are its input ports."""
+    """Start the action of node `uid`. `run` counts its starts; `inputs` are its input ports."""
 
     uid: int
     run: int
@@ -60,20 +60,20 @@ class StartLeaf:
 
 @dataclass(frozen=True, slots=True)
 class CancelLeaf:
-    """Stop the action that was begun as `run` of node `uid`."""
+    """Stop the action that was started as run `run` of node `uid`."""
 
     uid: int
     run: int
 
 
 Effect: TypeAlias = StartLeaf | CancelLeaf
-# A value that somebody else keeps up to date: a pose, a speed, a new goal.
+# Returns the current value of something the program maintains: a pose, a speed, a new goal.
 Source: TypeAlias = Callable[[], Any]
 
 
 @dataclass(frozen=True, slots=True)
 class NodePlace:
-    """Where a node is: its path in the tree, its file and line."""
+    """The location of a node: its path in the tree, its file and line."""
 
     path: str
     file: str
@@ -85,13 +85,13 @@ class NodePlace:
 
 @dataclass
 class TreeWorld:
-    """What the nodes of one tree share.
+    """State shared by the nodes of one tree.
 
-    `exact`: with BehaviorTree.CPP's own oddities (docs/reference/btcpp-nodes.md). `woken_by`: the
-    node that asks to be ticked again at once. `deadlines_us` are those of nodes that wait, by uid.
-    `given`: what leaves get besides ports, by its type. `entries`: what gives the values of
-    entries before each tick. `stopping`: actions (uid and run) that were cancelled and have not
-    stopped; None: nobody says when they have.
+    `exact`: reproduce BehaviorTree.CPP's own oddities (docs/reference/btcpp-nodes.md). `woken_by`:
+    the node that asks to be ticked again at once. `deadlines_us`: deadlines of waiting nodes, by
+    uid. `given`: arguments of leaves other than ports, by type. `entries`: functions called before
+    each tick for the values of entries. `stopping`: actions (uid and run) that were cancelled and
+    have not stopped yet; None if stops are not reported.
     """
 
     exact: bool = False
@@ -108,7 +108,7 @@ class TreeWorld:
     stopping: set[tuple[int, int]] | None = None
 
     def count_leaf(self, place: NodePlace) -> None:
-        """Note that the leaf at `place` is ticked. Raises TickError for a tick without end."""
+        """Count a tick of the leaf at `place`. Raises TickError if the tick does not end."""
         self.leaves += 1
         if self.leaves > MAX_LEAVES:
             raise TickError(
@@ -118,9 +118,9 @@ class TreeWorld:
 
 
 class TreeNode(ABC):
-    """One node of a tree that runs.
+    """One node of a running tree.
 
-    `status` is the one by which its parent goes on; `shown` the last one that it returned, in tick
+    `status` is the one that its parent uses. `shown` is the status returned last, in tick
     `shown_at`. A subclass defines `tick`, and `clear` if it has state of its own.
     """
 
@@ -141,9 +141,9 @@ class TreeNode(ABC):
         "world",
         "yields",
     )
-    # The fewest and most children; None: no limit.
+    # Minimum and maximum number of children; None: no limit.
     CHILDREN: ClassVar[tuple[int, int | None]] = (0, 0)
-    # What it asks the program for, without which it cannot be ticked.
+    # Names of the sources that the program must provide for this node.
     SOURCES: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
@@ -159,7 +159,7 @@ class TreeNode(ABC):
         self.defaults: dict[str, str] = {}
         self.conditions: Mapping[str, Script] = {}
         self.uid = 0
-        # Whether it may return RUNNING between two attempts (Repeat, Retry, Async*).
+        # True if the node may return RUNNING between two attempts (Repeat, Retry, Async*).
         self.yields = True
         self.status = IDLE
         self.shown = IDLE
@@ -168,46 +168,47 @@ class TreeNode(ABC):
         self.clear()
 
     def prepare(self) -> None:
-        """Called once, when ports and children are known. Raises TickError for wrong ports."""
+        """Called once the ports and children are known. Raises TickError for wrong ports."""
 
     @abstractmethod
     def tick(self) -> NodeStatus:
-        """The node's own rule."""
+        """Run the node's own logic once and return its status."""
 
     def clear(self) -> None:
-        """Forget how far the node has come: before its first run, at its end, when it is halted."""
+        """Reset the node's progress: before the first run, when a run ends, when it is halted."""
 
     def halt(self) -> None:
-        """Forget the state of the run; children are halted."""
+        """Reset the state of the run and halt the children."""
         self.clear()
         reset_all(self.children)
         self.status = IDLE
 
     def ended(self, status: NodeStatus) -> NodeStatus:
-        """End the run with this status; children that still go on are halted."""
+        """End the run with this status; children that still run are halted."""
         self.clear()
         reset_all(self.children)
         return status
 
     @property
     def is_anew(self) -> bool:
-        """Whether the tick that begins is the first one of a run.
+        """True if the current tick is the first one of a run.
 
-        For the library, and an exact tree, a node that has ended goes on if nobody has reset it.
+        In BehaviorTree.CPP, and in an exact tree, a node that has ended but was not reset continues
+        its run.
         """
         return self.status is IDLE or (self.status is not RUNNING and not self.world.exact)
 
     def expire(self) -> None:
-        """The deadline that the node has set is over."""
+        """Called when the deadline that the node set has passed."""
 
     def execute(self) -> NodeStatus:
-        """Tick the node as its parent does. SKIPPED leaves its status as it was."""
+        """Tick the node with its conditions, as a parent does. SKIPPED does not change `status`."""
         conditions = self.conditions
         before = self._before(conditions) if conditions else None
         if before is None:
             status = self.tick()
         else:
-            # It decides without its leaves, which a loop above it would otherwise count.
+            # No leaf is ticked, so count the node itself: a loop above it must still end.
             self.world.count_leaf(self.place)
             status = before
         if status is IDLE:
@@ -235,7 +236,7 @@ class TreeNode(ABC):
         return None
 
     def halt_node(self) -> None:
-        """Halt as a parent does: with what is to be done `_onHalted`."""
+        """Halt the node as a parent does, then run its `_onHalted` script."""
         self.halt()
         self._run("_onHalted")
 
@@ -244,14 +245,14 @@ class TreeNode(ABC):
             self.evaluate(self.conditions[condition])
 
     def evaluate(self, script: Script) -> Any:
-        """A script's value on the node's blackboard. Raises TickError."""
+        """Evaluate a script on the node's blackboard. Raises TickError."""
         try:
             return run_script(script, self.board, self.world.enums)
         except (ScriptError, BlackboardError) as error:
             raise TickError(f"{self.place}: {error}, in the script {str(script)!r}") from None
 
     def holds(self, script: Script) -> bool:
-        """Whether a script's value is true. Raises TickError."""
+        """Return whether a script evaluates to true. Raises TickError."""
         try:
             return is_true(self.evaluate(script))
         except ScriptError as error:
@@ -260,7 +261,7 @@ class TreeNode(ABC):
     # -- ports --------------------------------------------------------------------------------
 
     def input(self, port: str, type_name: str = "std::string") -> Any:
-        """A port's value as this C++ type. Raises TickError if there is none."""
+        """Return a port's value as this C++ type. Raises TickError if it has none."""
         if port in self.reads:
             return self.reads[port]
         text = self.ports.get(port, self.defaults.get(port))
@@ -282,14 +283,17 @@ class TreeNode(ABC):
             raise TickError(f"{self.place}: port {port!r}: {error}") from None
 
     def key(self, port: str) -> str:
-        """The entry that a port points to; a bare name is one as well. Raises TickError."""
+        """Return the name of the entry that a port points to, with or without braces.
+
+        Raises TickError if the port is missing.
+        """
         text = self.ports.get(port, "")
         if not text:
             raise TickError(f"{self.place}: port {port!r} is missing")
         return pointer(text, port) or text
 
     def output(self, port: str, value: Any) -> None:
-        """Write a port's entry. Raises TickError for a port that points to none."""
+        """Write a port's entry. Raises TickError if the port does not point to an entry."""
         text = self.ports.get(port, self.defaults.get(port, ""))
         key = pointer(text, port)
         if key is None:
@@ -301,7 +305,7 @@ class TreeNode(ABC):
 
 
 def typed(value: Any, type_name: str, enums: Mapping[str, int]) -> Any:
-    """An entry's value, or a port's text, as a value of this C++ type. Raises ValueTypeError."""
+    """Convert an entry's value, or a port's text, to this C++ type. Raises ValueTypeError."""
     if type_name == "BT::NodeStatus":
         if isinstance(value, str) and value in NodeStatus.__members__:
             return NodeStatus[value]
@@ -314,14 +318,14 @@ def typed(value: Any, type_name: str, enums: Mapping[str, int]) -> Any:
 
 
 def reset(node: TreeNode) -> None:
-    """Back to IDLE, halted first if it was running."""
+    """Set a node to IDLE; halt it first if it is running."""
     if node.status is RUNNING:
         node.halt_node()
     node.status = IDLE
 
 
 def reset_all(nodes: Sequence[TreeNode]) -> None:
-    """`reset` for each."""
+    """Call `reset` for each node that is not idle."""
     for node in nodes:
         if node.status is not IDLE:
             reset(node)

@@ -1,6 +1,6 @@
-"""Runs a tree in an event loop: ticks it when something has happened and at a rate.
+"""Runs a tree in an event loop: ticks it on events and at a fixed rate.
 
-Time comes from the event loop, so that on a virtual clock a run takes no time at all.
+Time is read from the event loop, so a run on a virtual clock takes no real time.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from mrbt_mesh.errors import TaskFailedError
 
 Watcher: TypeAlias = Callable[[], None]
 
-# A tree that asks more often in a row to be ticked again at once is ticked at its rate instead: it
-# polls, and would use the whole processor. Then every SLOWED_PERIOD_US, if it has no rate.
+# A tree that asks this many times in a row to be ticked again at once is busy polling and would use
+# a whole processor. It is then ticked at its rate, or every SLOWED_PERIOD_US if it has no rate.
 MAX_AT_ONCE = 10_000
 SLOWED_PERIOD_US = 100_000
-# After so long, an action that was cancelled and still runs is named; after as long again it is
-# given up where the tree itself is to end.
+# A cancelled action that still runs after this time is logged. If the tree itself is ending, the
+# action is given up after the same time again.
 STOP_LIMIT_S = 5.0
 _LOG = logging.getLogger(__name__)
 
 
 class _Run:
-    """One action that has been begun and has not stopped.
+    """One action that was started and has not stopped.
 
-    A shield, so that it is cancelled in one way only: what the whole tree gets from outside comes
-    to it when the tree is halted.
+    Its scope is shielded, so it is cancelled in one way only: when the whole tree is cancelled from
+    outside, the tree is halted, and that cancels the action.
     """
 
     def __init__(self, node: LeafNode) -> None:
@@ -61,19 +61,19 @@ class _Run:
         self.scope.cancel(self.token)
 
     def drive(self, awaitable: Awaitable[Any]) -> Driven:
-        """What it awaits."""
+        """Wrap the action's awaitable, so that it can be given up."""
         self.task = asyncio.current_task()
         self.driven = Driven(awaitable, self.token)
         return self.driven
 
     def give_up(self) -> None:
-        """End it, whatever it shields itself from."""
+        """End the action even if it shields itself from cancellation."""
         if self.driven is not None and self.task is not None:
             self.driven.is_given_up = True
             self.task.cancel()
 
     def tell(self) -> None:
-        """Name it: it still runs."""
+        """Log that the action still runs."""
         place = innermost(self.driven.frames() if self.driven is not None else [])
         _LOG.warning(
             "%s: %s still runs %g s after it was halted (%s); no other action begins before it has "
@@ -83,7 +83,7 @@ class _Run:
 
 
 def _is_cancellation(error: BaseException) -> bool:
-    """Whether the task in which it was raised is cancelled from outside."""
+    """Return True if `error` is a cancellation of this task from outside."""
     is_cancelled = anyio.current_effective_deadline() == -math.inf
     return is_cancelled and isinstance(error, anyio.get_cancelled_exc_class())
 
@@ -91,8 +91,8 @@ def _is_cancellation(error: BaseException) -> bool:
 class TreeRunner:
     """Runs one executor once, to the end of its tree.
 
-    `clock` gives seconds and has to be the one by which `anyio.sleep` waits. `on_tick` is called
-    after every tick.
+    `clock` returns seconds and must be the clock that `anyio.sleep` uses. `on_tick` is called after
+    every tick.
     """
 
     def __init__(
@@ -110,20 +110,20 @@ class TreeRunner:
         self._runs: dict[tuple[int, int], _Run] = {}
         self._happened = anyio.Event()
         self._error: BaseException | None = None
-        # How often the tree was ticked again at once, one time after the other.
+        # How many times in a row the tree was ticked again at once.
         self._at_once = 0
         self._is_slowed = False
 
     def wake(self) -> None:
-        """Tick soon, whatever the rate is."""
+        """Tick the tree soon, regardless of the rate."""
         self._happened.set()
 
     async def run(self) -> NodeStatus:
-        """The root's status, once it is not RUNNING.
+        """Run the tree until its root is no longer RUNNING; returns the root's status.
 
-        Cancelled, or ended by an error, it halts the tree and waits until its actions have
-        stopped; one that has not after twice STOP_LIMIT_S is given up. Raises TickError, and what a
-        leaf raised but for TaskFailedError.
+        When cancelled, or ended by an error, it halts the tree and waits until its actions have
+        stopped. An action that still runs after twice STOP_LIMIT_S is given up. Raises TickError,
+        and any error of a leaf except TaskFailedError.
         """
         result = RUNNING
         try:
@@ -160,7 +160,7 @@ class TreeRunner:
                 raise self._error
 
     async def _wait(self, ticked_us: int) -> None:
-        """Until something has happened, a node's time is over, or the next tick is due."""
+        """Wait until an event happens, a node's deadline passes, or the next tick is due."""
         ends = [self._executor.next_deadline_us]
         period_us = self._period_us
         if self._executor.woken_by is None:
@@ -183,7 +183,7 @@ class TreeRunner:
             await self._happened.wait()
 
     def _slow_down(self) -> None:
-        """Say once which node would otherwise keep the processor busy and the clock standing."""
+        """Log once which node would otherwise keep the processor busy and stop a virtual clock."""
         if not self._is_slowed:
             self._is_slowed = True
             _LOG.warning(
@@ -193,7 +193,7 @@ class TreeRunner:
             )
 
     def _follow(self, group: anyio.abc.TaskGroup) -> None:
-        """Cancel and start actions; one begins once those cancelled before it have stopped."""
+        """Cancel and start actions. An action starts once those cancelled before have stopped."""
         for effect in self._executor.take_effects():
             if isinstance(effect, CancelLeaf):
                 run = self._runs.get((effect.uid, effect.run))
@@ -209,7 +209,7 @@ class TreeRunner:
                 group.start_soon(self._carry_out, effect, run, stopping)
 
     async def _watch(self, run: _Run) -> None:
-        """Name an action that does not stop."""
+        """Log the action if it does not stop in time."""
         with anyio.move_on_after(STOP_LIMIT_S):
             await run.stopped.wait()
             return
@@ -223,7 +223,7 @@ class TreeRunner:
                 status, reason = await self._call(effect, run)
                 self._executor.ended(effect.uid, effect.run, status, reason)
         except BaseException as error:
-            # Not one of the leaf's own making: the whole tree is cancelled.
+            # The cancellation is not the leaf's own: the whole tree is cancelled.
             if _is_cancellation(error):
                 raise
             self._error = self._error or error
@@ -251,7 +251,7 @@ class TreeRunner:
         return status_of(result, node), ""
 
     async def _stop(self, is_halted: bool) -> None:
-        """Halt a tree that has not ended, and wait until all that was begun has stopped."""
+        """Halt a tree that has not ended, and wait until all started actions have stopped."""
         try:
             if is_halted:
                 self._executor.halt()

@@ -19,7 +19,7 @@ MILLI_US = 1_000
 
 
 def _wait(node: TreeNode, port: str) -> bool:
-    """Set the deadline that a port gives in milliseconds; False if there is none, at 0."""
+    """Set a deadline from a port in milliseconds. Returns False, and sets none, if it is 0."""
     wait_us = int(node.input(port, "unsigned int")) * MILLI_US
     if wait_us > 0:
         node.world.deadlines_us[node.uid] = node.world.now_us + wait_us
@@ -27,7 +27,7 @@ def _wait(node: TreeNode, port: str) -> bool:
 
 
 class Timeout(Decorator):
-    """FAILURE if the child is still running after `msec`; it is halted at that moment."""
+    """Halts the child and returns FAILURE if it still runs `msec` after its first tick."""
 
     __slots__ = ("child_halted", "started")
 
@@ -60,7 +60,7 @@ class Timeout(Decorator):
 
 
 class Delay(Decorator):
-    """The child `delay_msec` after the first tick."""
+    """Ticks the child `delay_msec` after the first tick."""
 
     __slots__ = ("complete", "started")
 
@@ -89,7 +89,7 @@ class Delay(Decorator):
 
 
 class Sleep(TreeNode):
-    """SUCCESS `msec` after the first tick."""
+    """Returns SUCCESS `msec` after the first tick."""
 
     __slots__ = ("waits",)
 

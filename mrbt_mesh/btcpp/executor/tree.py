@@ -33,7 +33,7 @@ RATE_HZ = 10.0
 
 @dataclass(frozen=True, slots=True)
 class NodeView:
-    """One node as a view shows it. `depth` counts from 0; `reason`: what a leaf failed of."""
+    """One node as a view shows it. `depth` counts from 0; `reason`: why a leaf failed."""
 
     uid: int
     depth: int
@@ -45,11 +45,11 @@ class NodeView:
 
 
 class BehaviorTree:
-    """One tree that can be run, any number of times, one after the other.
+    """One tree that can be run any number of times, one run at a time.
 
-    `library` has been checked. `leaves` may be shared by trees; by default the tree has its own.
-    `exact` switches BehaviorTree.CPP's own oddities on (docs/reference/btcpp-nodes.md). `given`:
-    the arguments of leaves besides ports, by type. The blackboard stays from run to run.
+    `library` must have been checked. `leaves` may be shared by trees; by default the tree has its
+    own. `exact` turns BehaviorTree.CPP's own oddities on (docs/reference/btcpp-nodes.md). `given`:
+    arguments of leaves other than ports, by type. The blackboard is kept between runs.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class BehaviorTree:
         given: Mapping[type, Any] | None = None,
     ) -> None:
         self.name = library.chosen_tree(tree)
-        # What is allowed by the file, but hardly meant, in its order.
+        # Findings that are valid but probably not intended, in file order.
         self.warnings: Sequence[Finding] = ()
         self.leaves = leaves if leaves is not None else Leaves()
         # Decorators that register functions and nodes: see `Leaves`.
@@ -90,10 +90,10 @@ class BehaviorTree:
         given: Mapping[type, Any] | None = None,
         package_folders: Sequence[Path] = (),
     ) -> BehaviorTree:
-        """Read a file with all that it includes. Raises FileError.
+        """Read a file and all files it includes. Raises FileError.
 
-        `tree` is a tree's ID, by default the main tree; `package_folders` are where `ros_pkg` of
-        an <include> is looked for.
+        `tree` is a tree's ID, by default the main tree. `package_folders` are searched for the
+        `ros_pkg` of an <include>.
         """
         findings = Findings()
         library = load_library(Path(path), findings, package_folders)
@@ -116,9 +116,9 @@ class BehaviorTree:
         given: Mapping[type, Any] | None = None,
         package_folders: Sequence[Path] = (),
     ) -> BehaviorTree:
-        """As `from_file`, from memory: what it includes is relative to the folder of `file`.
+        """Like `from_file`, from a text. Includes are relative to the folder of `file`.
 
-        The file itself need not exist; by default it would be in the current folder.
+        The file itself need not exist; by default its folder is the current one.
         """
         findings = Findings()
         library = load_text(text, Path(file), findings, package_folders)
@@ -130,7 +130,10 @@ class BehaviorTree:
 
     @property
     def executor(self) -> TreeExecutor:
-        """It ticks the tree. Made at its first use, when the leaves become fixed; FileError."""
+        """The executor that ticks the tree.
+
+        Made at its first use; leaves registered later are ignored. Raises FileError.
+        """
         if self._executor is None:
             world, leaves = self._world, self.leaves
             world.enums = leaves.enums | self._enums
@@ -141,18 +144,18 @@ class BehaviorTree:
         return self._executor
 
     def check(self) -> None:
-        """Raise FileError, with all that is missing, unless the tree can be run."""
+        """Raise FileError, listing everything that is missing, unless the tree can be run."""
         _ = self.executor
 
     async def run(
         self, *, rate_hz: float = RATE_HZ, clock: Callable[[], float] | None = None
     ) -> NodeStatus:
-        """Tick the tree until its root is not RUNNING: SUCCESS, FAILURE or SKIPPED.
+        """Tick the tree until its root is no longer RUNNING; returns the root's status.
 
-        It is ticked when an action ends, a program sets an entry, a node's time is over or `wake`
-        is called, and `rate_hz` times a second for what changes unheard: conditions. 0: never.
-        Cancelled, it cancels its actions and waits for them. Raises FileError, TickError, and
-        what a leaf raises but for TaskFailedError.
+        The tree is ticked when an action ends, the program sets an entry, a node's deadline passes
+        or `wake` is called. It is also ticked `rate_hz` times a second (0: never), because
+        conditions change without notice. When cancelled, it cancels its actions and waits for them.
+        Raises FileError, TickError, and any error of a leaf except TaskFailedError.
         """
         if self._runner is not None:
             raise RuntimeError("the tree is running already")
@@ -176,7 +179,7 @@ class BehaviorTree:
             watcher()
 
     def view(self) -> Iterator[NodeView]:
-        """All nodes in preorder with their statuses as of the last tick. Raises FileError."""
+        """Yield all nodes in preorder with their statuses as of the last tick. Raises FileError."""
         executor = self.executor
         statuses = executor.statuses()
         waiting = [(executor.root, 0)]

@@ -1,4 +1,4 @@
-"""Ticks a tree: time and outcomes in, effects out. It waits for nothing and reads no clock."""
+"""Ticks a tree: time and outcomes in, effects out. It never waits and never reads a clock."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from mrbt_mesh.btcpp.executor.node import (
 
 
 class TreeExecutor:
-    """One tree that is run.
+    """Executor of one tree.
 
         status = executor.tick(now_us)            # Tree::tickExactlyOnce
         for effect in executor.take_effects():    # start and cancel actions
             ...
         executor.ended(uid, run, NodeStatus.SUCCESS)  # and tick again
 
-    `nodes` are all nodes in preorder; their uids count from 1.
+    `nodes` are all nodes in preorder, with uids from 1.
     """
 
     def __init__(self, nodes: Sequence[TreeNode], world: TreeWorld, blackboard: Blackboard) -> None:
@@ -46,24 +46,21 @@ class TreeExecutor:
 
     @property
     def woken(self) -> bool:
-        """Whether a node asks to be ticked again at once."""
+        """True if a node asks to be ticked again at once."""
         return self._world.woken_by is not None
 
     @property
     def woken_by(self) -> NodePlace | None:
-        """The node that asks to be ticked again at once."""
+        """The place of the node that asks to be ticked again at once."""
         return self._world.woken_by
 
     @property
     def next_deadline_us(self) -> int | None:
-        """When a node wants to be ticked at the latest; None: at no time of its own."""
+        """The earliest deadline of a waiting node; None if there is none."""
         return min(self._world.deadlines_us.values(), default=None)
 
     def tick(self, now_us: int) -> NodeStatus:
-        """Tick the tree exactly once; a root that has completed is idle afterwards.
-
-        Raises TickError for what ends the run from inside.
-        """
+        """Tick the tree exactly once; a completed root is idle afterwards. Raises TickError."""
         self._world.leaves = 0
         for name, source in self._world.entries.items():
             self._take_in(name, source())
@@ -89,7 +86,7 @@ class TreeExecutor:
         return status
 
     def _take_in(self, name: str, value: Any) -> None:
-        """Set an entry to the value that the program gives; an equal value is no write."""
+        """Set an entry to the program's value; an equal value does not count as a write."""
         if value is None or value == self.blackboard.read(name):
             return
         try:
@@ -104,9 +101,9 @@ class TreeExecutor:
                 self.nodes[uid - 1].expire()
 
     def halt(self) -> None:
-        """Halt the tree: running actions are cancelled, `_onHalted` is run.
+        """Halt the tree: cancel running actions and run the `_onHalted` scripts.
 
-        BehaviorTree.CPP runs `_onHalted` of idle nodes as well; so does an exact tree.
+        BehaviorTree.CPP, and so an exact tree, runs `_onHalted` of idle nodes as well.
         """
         if self._world.exact:
             self.root.halt_node()
@@ -116,12 +113,12 @@ class TreeExecutor:
         self.status = IDLE
 
     def take_effects(self) -> list[Effect]:
-        """The effects since the last call, in order."""
+        """Return the effects since the last call, in order."""
         effects, self._world.effects = self._world.effects, []
         return effects
 
     def ended(self, uid: int, run: int, status: NodeStatus, reason: str = "") -> bool:
-        """An action has ended; False if that run was cancelled meanwhile."""
+        """Record the outcome of an action. Returns False if that run was cancelled meanwhile."""
         node = self.nodes[uid - 1]
         if not isinstance(node, ActionLeaf) or node.run != run or node.status is not RUNNING:
             return False
@@ -130,7 +127,7 @@ class TreeExecutor:
         return True
 
     def begin_after(self, uid: int) -> None:
-        """Begin the next run after this node; above it are Sequences and SubTrees only."""
+        """Make the next run start after this node. Its ancestors must be Sequences and SubTrees."""
         node = self.root
         while node.uid != uid:
             position = max(n for n, child in enumerate(node.children) if child.uid <= uid)
@@ -140,28 +137,31 @@ class TreeExecutor:
             node = child
 
     def await_stops(self) -> None:
-        """From now on plain actions wait for those that were cancelled, until `stopped`."""
+        """From now on, synchronous actions wait until cancelled ones are reported by `stopped`."""
         self._world.stopping = set()
 
     def stopped(self, uid: int, run: int) -> None:
-        """An action that was cancelled has stopped, or any other has ended."""
+        """Report that an action has stopped after it was cancelled, or has ended."""
         if self._world.stopping:
             self._world.stopping.discard((uid, run))
 
     def leaf(self, uid: int) -> LeafNode:
-        """The node of an action or a condition."""
+        """Return the leaf `uid`, an action or a condition. Raises KeyError for other nodes."""
         node = self.nodes[uid - 1]
         if not isinstance(node, LeafNode):
             raise KeyError(f"node {uid} is not a leaf")
         return node
 
     def write(self, uid: int, run: int, port: str, value: Any) -> None:
-        """An action writes one of its output ports; one that was cancelled writes nothing."""
+        """Write an output port of an action; does nothing if that run was cancelled."""
         node = self.nodes[uid - 1]
         if isinstance(node, ActionLeaf) and node.run == run and node.status is RUNNING:
             node.output(port, value)
 
     def statuses(self) -> bytes:
-        """The status of each node as of the last tick, IDLE for those that were not ticked."""
+        """Return each node's status after the last tick, one byte per node, in preorder.
+
+        A node that was ticked has the status it returned, any other the one it has kept.
+        """
         tick = self._world.tick
         return bytes(node.shown if node.shown_at == tick else node.status for node in self.nodes)

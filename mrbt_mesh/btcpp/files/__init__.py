@@ -1,7 +1,7 @@
 """BehaviorTree.CPP v4 XML: reading, checking, writing.
 
-`xml_reader`, `elements`, `document`: a file as data, without loss, and what its parts mean.
-`upgrade` (version 3), `library` (includes), `check` (the rules). `expand` puts SubTrees in place,
-`export` writes. A file may be hostile: it is read within limits, or refused with file, line and
-node.
+`xml_reader`, `elements` and `document` read a file without loss and interpret its parts. `upgrade`
+converts version 3, `library` follows includes, and `check` checks the rules. `expand` inlines
+SubTrees, and `export` writes. A file may be hostile: it is read within limits, or refused with
+file, line and node.
 """

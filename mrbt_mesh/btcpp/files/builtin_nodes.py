@@ -1,4 +1,4 @@
-"""The nodes that BehaviorTree.CPP 4 registers itself: ports, defaults, numbers of children."""
+"""BehaviorTree.CPP 4's built-in nodes and Nav2's: ports, defaults, numbers of children."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INTEGER, BOOLEAN, TEXT, STATUS, SCRIPT, LIST, UNSIGNED, ANY = (
     "",
 )
 REAL = "double"
-# How many cases each has, besides its last child.
+# The number of cases of each Switch node, without its last (default) child.
 SWITCHES = {f"Switch{cases}": cases for cases in range(2, 7)}
 
 
@@ -126,9 +126,9 @@ def _nav2_table() -> dict[str, NodeManifest]:
     return {model.id: model for model in models}
 
 
-# Nav2's controls and decorators, which the executor has as well (`executor.nav2`).
+# Nav2's controls and decorators, which the executor implements (`executor.nav2`).
 NAV2_NODES = _nav2_table()
-# Nav2's leaves that are conditions; its files come without models.
+# Nav2's condition leaves, which must be known by name: Nav2's files have no models.
 NAV2_CONDITIONS = frozenset(
     {
         *("ArePosesNear", "AreErrorCodesPresent", "DistanceTraveled", "GlobalUpdatedGoal"),
@@ -140,13 +140,13 @@ NAV2_CONDITIONS = frozenset(
         *("WouldARouteRecoveryHelp", "WouldASmootherRecoveryHelp"),
     }
 )
-# Types of a constant queue's items.
+# The item type of each Loop node's queue.
 LOOP_ITEMS = {"LoopInt": INTEGER, "LoopBool": BOOLEAN, "LoopDouble": REAL, "LoopString": TEXT}
 STATUS_NAMES = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED", "IDLE")
 
 
 def entry_type(node: str, port: Port) -> str | None:
-    """The type that a node's port gives to its entry: "" for any; None if its model has none."""
+    """Return the type that a port gives to its entry: "" for any; None if its model has none."""
     if node not in BUILTIN:
         return canonical_type(port.type) if port.type else None
     if port.name == "value" and node in LOOP_ITEMS:
@@ -159,7 +159,7 @@ def entry_type(node: str, port: Port) -> str | None:
 
 
 def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
-    """The fewest and the most children of a node; None: no limit."""
+    """Return the minimum and maximum number of children of a node; None: no limit."""
     if name in ("IfThenElse", "WhileDoElse"):
         return 2, 3
     if name == "TryCatch":
@@ -176,9 +176,9 @@ def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
 
 
 def category_of(name: str, tag: str, models: dict[str, NodeManifest], children: int) -> Category:
-    """A node's category: as it is registered, else by its tag, else guessed from its children.
+    """Return a node's category: as registered, else by its tag, else guessed from its children.
 
-    So an <Action ID="Inverter"> is a decorator, as BehaviorTree.CPP takes it.
+    So, as in BehaviorTree.CPP, an <Action ID="Inverter"> is a decorator.
     """
     model = BUILTIN.get(name) or models.get(name) or NAV2_NODES.get(name)
     if model is not None and tag != Category.SUBTREE:

@@ -1,8 +1,8 @@
-"""Check a file with all that it includes against BehaviorTree.CPP's rules.
+"""Checks a file and the files it includes against BehaviorTree.CPP's rules.
 
-Lenient checking calls an error what has no meaning, and warns of what BehaviorTree.CPP would
-refuse though its meaning is clear: many files in use break such rules. Strict checking goes by
-the letter: it accepts what the library loads and can tick.
+Lenient checking reports an error only where the file has no clear meaning. It warns where the
+meaning is clear but BehaviorTree.CPP would refuse the file: many files in use break these rules.
+Strict checking accepts only files that BehaviorTree.CPP loads and can tick.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def check_file(
     package_folders: Sequence[Path] | None = None,
     others: Library | None = None,
 ) -> tuple[Library, Findings]:
-    """Read and check a file; trees and models of `others` are known.
+    """Read and check a file. It may use the trees and models of `others`.
 
-    Raises FileError if it is not even a <root> of XML.
+    Raises FileError if the file cannot be read as XML with a <root>.
     """
     findings = Findings(is_strict)
     library = load_library(path, findings, package_folders, others)
@@ -49,7 +49,7 @@ def check_file(
 
 
 def check_library(library: Library, findings: Findings) -> None:
-    """Note everything that is wrong with the documents of `library`."""
+    """Add a finding for each problem in the documents of `library`."""
     for document in library.documents:
         _Checker(library, document, findings).check()
     _check_main_tree(library, findings)
@@ -110,7 +110,10 @@ class _Checker:
             checker.check(child, path)
 
     def check_models(self, models: Element) -> None:
-        """BehaviorTree.CPP reads the models of SubTrees only, and gives the rest to Groot2."""
+        """Check <TreeNodesModel>: errors for models of SubTrees, mostly warnings for the rest.
+
+        BehaviorTree.CPP reads only the models of SubTrees; the rest is for Groot2.
+        """
         seen: dict[str, int] = {}
         for model in models.children:
             path = f"{MODELS}/{type_id(model) or model.tag}"
@@ -173,7 +176,7 @@ def _check_duplicates(library: Library, findings: Findings) -> None:
 
 
 def _check_recursion(library: Library, findings: Findings) -> None:
-    """Depth first over the trees: a tree that is met while it is open contains itself."""
+    """Search the trees depth first: a tree that is reached while it is open contains itself."""
     finished: set[str] = set()
     for start in library.own_trees:
         waiting = {start: _references(library, start)}
@@ -198,6 +201,6 @@ def _check_recursion(library: Library, findings: Findings) -> None:
 
 
 def _references(library: Library, name: str) -> list[Element]:
-    """The SubTrees in a tree, the last one first."""
+    """Return the SubTree elements of a tree, the last one first."""
     found = [element for element in library.trees[name].element.walk() if element.tag == SUBTREE]
     return found[::-1]

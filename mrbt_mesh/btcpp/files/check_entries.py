@@ -1,8 +1,8 @@
-"""Check blackboard entries as BehaviorTree.CPP does when it makes a tree.
+"""Checks blackboard entries as BehaviorTree.CPP does when it creates a tree.
 
-The first port that names an entry gives it its type, wherever in the tree, and so does the number
-that a SubTree is given. A later port has to have the same type, unless the entry is a text or may
-be anything. Scripts in ports are read when the tree is made.
+An entry gets its type from the first port in the tree that names it, or from the number that a
+SubTree passes to it. Every later port must have the same type, unless the entry is a text or may
+hold anything. Scripts in ports are parsed when the tree is created.
 """
 
 from __future__ import annotations
@@ -25,17 +25,14 @@ _LAST = {**dict.fromkeys(_FREE, 1), TEXT: 2}
 
 
 def check_entries(library: Library, findings: Findings) -> None:
-    """Note what is wrong with the entries of the trees that the library would make.
-
-    These are the main tree, and those of the documents that are in no other tree.
-    """
+    """Check the entries of the main tree and of all trees that no other tree contains."""
     reached: set[str] = set()
     for name in _tops(library):
         if name not in reached:
             try:
                 tree = expand(library, name)
             except FileError:
-                # It contains itself, which has been noted, or is larger than anything that is run.
+                # The tree contains itself, which was reported already, or is too large to be run.
                 return
             nodes = list(tree.root.walk())
             reached |= {name, *(n.type for n in nodes if n.category is Category.SUBTREE)}
@@ -45,7 +42,7 @@ def check_entries(library: Library, findings: Findings) -> None:
 
 
 def _tops(library: Library) -> Iterator[str]:
-    """The main tree, then trees that are in no other one, then the rest."""
+    """Yield the main tree, then trees that no other tree contains, then the rest."""
     if library.main_tree in library.trees:
         yield str(library.main_tree)
     elements = [source.element for source in library.own_trees.values()]
@@ -55,14 +52,14 @@ def _tops(library: Library) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Typed:
-    """The type of an entry, and what has given it."""
+    """The type of an entry, and where it comes from."""
 
     type: str
     origin: str
 
 
 class _Entries:
-    """The entries of one tree, whose nodes are checked in preorder."""
+    """The typed entries of one tree; its nodes must be checked in preorder."""
 
     def __init__(self, library: Library, findings: Findings, constants: dict[str, str]) -> None:
         self.library = library
@@ -91,24 +88,24 @@ class _Entries:
             kind = entry_type(node.type, port)
             if kind is not None:
                 typed.append((kind, key, port))
-        # The library takes the ports of one node in an order of its own: the worst one counts.
+        # The order of one node's ports in BehaviorTree.CPP is unspecified: assume the worst one.
         for kind, key, port in sorted(typed, key=lambda each: _LAST.get(each[0], 0)):
             self.declare(node, kind, key, port)
 
     def declare(self, node: ExpandedNode, kind: str, key: str, port: Port) -> None:
-        """A port names an entry, which is made if it does not exist."""
+        """Record that a port names an entry; check its type against that of the entry."""
         origin = f"port {port.name!r} of {node.name} in line {node.line}"
         before = self.typed.setdefault(node.scope.entry(key), _Typed(kind, origin))
         if kind in _FREE or before.type in (*_FREE, TEXT) or is_one_type(kind, before.type):
             return
-        # A program may have registered that one class is another one's base.
+        # The C++ program may have registered one class as the base of the other.
         is_pointer = kind.startswith("shared_ptr<") and before.type.startswith("shared_ptr<")
         if not (is_pointer and port.direction is Direction.INPUT):
             message = f"port {port.name!r} is of type {kind}, but its entry {key!r} is of type "
             self.rule(node, f"{message}{before.type}, by {before.origin}")
 
     def check_script(self, node: ExpandedNode, name: str, key: str) -> None:
-        """A script in an entry has to be there when the tree is made."""
+        """Check a script that is in an entry: it must be there when the tree is created."""
         text = self.constants.get(node.scope.entry(key))
         if text is None:
             message = "BehaviorTree.CPP reads a script when it makes the tree"

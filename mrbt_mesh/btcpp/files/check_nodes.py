@@ -1,4 +1,4 @@
-"""Check the nodes of one tree: form, children, ports, conditions, references."""
+"""Checks the nodes of one tree: form, children, ports, conditions, references."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from mrbt_mesh.btcpp.scripts.parser import dialect_problem
 from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.errors import MAX_PATH_CHARACTERS
 
-# Ports without which a built-in node cannot be ticked.
+# Ports that a built-in node needs to be ticked.
 REQUIRED = {
     "RetryUntilSuccessful": ("num_attempts",),
     "Repeat": ("num_cycles",),
@@ -70,7 +70,7 @@ _LOWER_CONDITIONS = {name.lower(): name for name in CONDITIONS}
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A node that is checked, its type and category, and its path."""
+    """A node being checked: its element, type, category and path."""
 
     element: Element
     name: str
@@ -86,12 +86,12 @@ class NodeChecker:
         self.file = file
         self.findings = findings
         self.subtree_names: dict[str, int] = {}
-        # Bad names, which are reported at their first use.
+        # Bad names that were reported already.
         self.odd_names: set[str] = set()
         self.missing_trees: set[str] = set()
 
     def check(self, top: Element, path: str) -> None:
-        """Check a node and everything below it; `path` is that of its parent."""
+        """Check a node and all its descendants; `path` is the path of its parent."""
         waiting = [(top, path)]
         while waiting:
             element, above = waiting.pop()
@@ -168,7 +168,10 @@ class NodeChecker:
             self.check_reactive(place)
 
     def check_reactive(self, place: _Place) -> None:
-        """Here BehaviorTree.CPP looks children up by their tags, and knows no <Action>."""
+        """Check the children of a ReactiveSequence.
+
+        BehaviorTree.CPP looks them up by their tags here, so it finds no node for <Action ID=...>.
+        """
         for child in place.element.children:
             if child.tag in EXPLICIT_TAGS and child.tag != SUBTREE:
                 name = type_id(child)
@@ -224,7 +227,10 @@ class NodeChecker:
             self.check_defaults(place, left_out)
 
     def check_defaults(self, place: _Place, left_out: list[Port]) -> None:
-        """Defaults in models are often C++: in the library only the program's own ones count."""
+        """Check the defaults of omitted ports, with warnings only.
+
+        Defaults in models are often C++ code; BehaviorTree.CPP uses only those of the program.
+        """
         for port in left_out:
             text = port.default or ""
             if not text or pointer(text, port.name) is not None:
@@ -233,7 +239,7 @@ class NodeChecker:
                 self.warn(place, f"port {port.name!r}: the default {problem}")
 
     def check_value(self, place: _Place, port: Port, value: str) -> None:
-        """The value of a built-in node's port; what a Loop writes has the type of its items."""
+        """Check the value of a built-in node's port. A Loop's `value` has the type of its items."""
         kind = port.type
         if place.name in LOOP_ITEMS and port.name == "value":
             kind = LOOP_ITEMS[place.name]
@@ -253,7 +259,7 @@ class NodeChecker:
             note(place, f"port {port.name!r}: {problem}")
 
     def check_model_value(self, place: _Place, port: Port, value: str) -> None:
-        """The value of a port that a model describes."""
+        """Check the value of a port that a model describes."""
         if pointer(value, port.name) is None and port.direction is not Direction.INPUT:
             self.warn(place, f"port {port.name!r} is written; it needs an entry: {{{port.name}}}")
         if value[:1] == "{" and value[-1:] == "}" and len(value) > 2:
@@ -290,7 +296,7 @@ class NodeChecker:
 
 
 def child_path(above: str, element: Element) -> str:
-    """The path of a node below `above`, for messages; the middle of a long one is left out."""
+    """Return the path of a node below `above`, for messages; a long path is cut in the middle."""
     path = f"{above}/{instance_name(element) or element.tag}"
     if len(path) > MAX_PATH_CHARACTERS:
         half = MAX_PATH_CHARACTERS // 2

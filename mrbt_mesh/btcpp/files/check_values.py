@@ -1,4 +1,4 @@
-"""Check single values: names, numbers, booleans, statuses, lists, scripts."""
+"""Checks single values: names, numbers, booleans, statuses, lists, scripts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MAX_HINT_NAMES = 500
 RESERVED_NAMES = ("Root", "root")
 RESERVED_PORTS = ("name", "ID", "_autoremap")
 
-# A number is read as far as it goes: `1.5` as 1.
+# As in BehaviorTree.CPP, only the leading integer is read: `1.5` as 1.
 _INTEGER = re.compile(r"([+-]?[0-9]+).*", re.ASCII | re.DOTALL)
 _UNSIGNED = re.compile(r"(\+?[0-9]+).*", re.ASCII | re.DOTALL)
 _LIMITS = {INTEGER: (-(2**31), 2**31 - 1), UNSIGNED: (0, 2**32 - 1)}
@@ -45,17 +45,17 @@ _REAL = re.compile(r"[+-]?([0-9]|\.[0-9]|inf|nan).*", re.ASCII | re.DOTALL | re.
 
 
 def shown(text: str) -> str:
-    """A value for a message, cut if it is long."""
+    """Return a value quoted for a message, shortened if it is long."""
     return repr(text if len(text) <= MAX_SHOWN_CHARACTERS else text[:MAX_SHOWN_CHARACTERS] + "...")
 
 
 def hint(name: str, known: Collection[str]) -> str:
-    """`nearest`, unless there are too many names to search."""
+    """Return `nearest(name, known)`, or "" if there are too many names to search."""
     return nearest(name, known) if len(known) <= MAX_HINT_NAMES else ""
 
 
 def name_problem(name: str) -> str:
-    """What BehaviorTree.CPP 4.8.4 and later refuse in the name of a model, tree or port."""
+    """Return why BehaviorTree.CPP 4.8.4 and later refuse a name of a model, tree or port, or ""."""
     if name in RESERVED_NAMES:
         return f"{name!r} is a reserved name"
     for character in name:
@@ -66,7 +66,7 @@ def name_problem(name: str) -> str:
 
 
 def port_name_problem(name: str) -> str:
-    """The problem with the name of a port in a model; empty if there is none."""
+    """Return the problem with the name of a port in a model; empty if there is none."""
     if name in RESERVED_PORTS:
         return f"{name!r} is reserved and cannot name a port"
     if name[:1].isdigit():
@@ -75,7 +75,7 @@ def port_name_problem(name: str) -> str:
 
 
 def value_problem(node: str, kind: str, value: str) -> str:
-    """The problem with the constant `value` of a built-in node's port of type `kind`, or ""."""
+    """Return the problem with a constant of a built-in node's port of type `kind`, or ""."""
     trimmed = value.strip()
     if kind == INTEGER and not _INTEGER.fullmatch(trimmed):
         return f"{shown(value)} is not a whole number"
@@ -93,7 +93,7 @@ def value_problem(node: str, kind: str, value: str) -> str:
 
 
 def typing_problem(kind: str, value: str) -> tuple[str, bool]:
-    """The oddity of a readable value of type `kind`, and whether BehaviorTree.CPP refuses it."""
+    """Return what is odd about a readable value, and whether BehaviorTree.CPP refuses it."""
     is_typed = kind in (INTEGER, UNSIGNED, BOOLEAN, REAL, LIST)
     if kind == LIST and value.strip().startswith("json:"):
         return f"{shown(value)}: BehaviorTree.CPP takes no JSON here; write items with ';'", True
@@ -125,9 +125,9 @@ def typing_problem(kind: str, value: str) -> tuple[str, bool]:
 
 
 def conversion_problem(kind: str, text: str) -> str:
-    """Why BehaviorTree.CPP cannot make a value of a canonical type of a text; "" if it can.
+    """Return why BehaviorTree.CPP cannot convert a text to a canonical type; "" if it can.
 
-    Of types that are not known here nothing is found. A number may be followed by anything.
+    Unknown types are not checked. A number may be followed by any text.
     """
     if (item := list_item(kind)) is not None:
         if text.startswith("json:"):
@@ -165,7 +165,7 @@ def _is_json_list(item: str, text: str) -> bool:
         return all(isinstance(each, _JSON_ITEMS[item]) for each in items)
     if item not in INTEGERS and item not in REALS:
         return True
-    # To the library a boolean is an integer here, and no real number.
+    # Here BehaviorTree.CPP takes a boolean as an integer, but not as a real number.
     is_number = all(isinstance(each, int | float) for each in items)
     return is_number and (item in INTEGERS or not any(isinstance(each, bool) for each in items))
 
@@ -187,7 +187,7 @@ def _list_problem(item_kind: str, text: str) -> str:
 
 
 def script_problem(text: str) -> str:
-    """The problem with a script; empty if it can be read."""
+    """Return the problem with a script; empty if it can be parsed."""
     try:
         parse(text)
     except ScriptError as error:
@@ -196,7 +196,7 @@ def script_problem(text: str) -> str:
 
 
 def running_problem(text: str) -> str:
-    """What makes a script that can be read fail whenever it is run; empty if nothing does."""
+    """Return why a script that can be parsed always fails when it is run, or ""."""
     for expression in parse(text).expressions():
         if isinstance(expression, Impossible):
             return (
@@ -207,5 +207,5 @@ def running_problem(text: str) -> str:
 
 
 def is_constant(value: str, attribute: str) -> bool:
-    """Whether a port has a constant, not an entry of the blackboard."""
+    """Return whether a port's value is a constant, not a blackboard entry."""
     return pointer(value, attribute) is None

@@ -1,7 +1,7 @@
-"""Checkpoints: nodes of a robot's tree after which another robot can go on.
+"""Checkpoints: nodes of a robot's tree after which another robot can continue.
 
-`_checkpoint="true"` at a node says so; BehaviorTree.CPP keeps such attributes and ignores them.
-A blackboard dies with its robot, so nothing after a checkpoint may need what was written before.
+A node with `_checkpoint="true"` is one; BehaviorTree.CPP keeps this attribute and ignores it. A
+blackboard is lost with its robot, so no node after a checkpoint may read an entry written before.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.errors import FileError, Problem
 
 CHECKPOINT = "_checkpoint"
-# A run can begin in the middle of these.
+# Controls in the middle of which a run can start.
 _STEPS = ("Sequence", "AsyncSequence")
 
 
 def is_marked(node: ExpandedNode, mark: str) -> bool:
-    """Whether a node has the attribute `mark` with the value true. Raises FileError."""
+    """Return whether a node's attribute `mark` is true. Raises FileError if it is no boolean."""
     text = node.metadata.get(mark, "false")
     value = read_boolean(text)
     if value is None:
@@ -31,18 +31,18 @@ def is_marked(node: ExpandedNode, mark: str) -> bool:
 
 
 def problem_at(node: ExpandedNode, message: str) -> FileError:
-    """That something is wrong with a node."""
+    """Return a FileError with this message at the place of a node."""
     return FileError([Problem(node.file, node.line, node.path, message)])
 
 
 def checkpoints(root: ExpandedNode, library: Library) -> list[int]:
-    """The numbers of the checkpoints of a tree, in preorder from 1.
+    """Return the numbers of the checkpoints of a tree; nodes are numbered in preorder from 1.
 
-    Raises FileError for one after which nobody could go on.
+    Raises FileError for a checkpoint after which no robot could continue.
     """
     found: list[int] = []
     problems: list[Problem] = []
-    # For each node the path from the root: pairs of a node and the position of its next one.
+    # Each node with its path from the root: pairs of an ancestor and the index of its next child.
     waiting: list[tuple[ExpandedNode, tuple[tuple[ExpandedNode, int], ...]]] = [(root, ())]
     number = 0
     while waiting:

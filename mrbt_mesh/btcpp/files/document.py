@@ -1,6 +1,6 @@
-"""A BehaviorTree.CPP file: its trees, includes and models, and what a node's attributes mean.
+"""A BehaviorTree.CPP file: its trees, includes and models, and the meaning of node attributes.
 
-The document is the XML itself, so that nothing of it is lost; this module reads it.
+A document keeps the XML itself, so nothing of the file is lost.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TREE, MODELS, INCLUDE, SUBTREE = "BehaviorTree", "TreeNodesModel", "include", "S
 
 
 class Category(enum.StrEnum):
-    """The kinds of nodes, named as the explicit form's tags."""
+    """The kinds of nodes, named like the tags of the explicit form."""
 
     ACTION = "Action"
     CONDITION = "Condition"
@@ -31,7 +31,7 @@ class Category(enum.StrEnum):
 
 
 class Direction(enum.StrEnum):
-    """Whether a node reads or writes a port, named as the tags of a model."""
+    """Whether a node reads or writes a port; named like the tags of a model."""
 
     INPUT = "input_port"
     OUTPUT = "output_port"
@@ -65,32 +65,32 @@ class NodeManifest:
 
 
 def type_id(element: Element) -> str:
-    """What a node is: the `ID` of the explicit form, else the tag; empty if `ID` is missing."""
+    """Return a node's type: `ID` in the explicit form, else the tag; empty if `ID` is missing."""
     return element.get("ID") if element.tag in EXPLICIT_TAGS else element.tag
 
 
 def instance_name(element: Element) -> str:
-    """A node's own name: `name`, else its type."""
+    """Return a node's own name: `name`, else its type."""
     return element.get("name") or type_id(element)
 
 
 def is_port(attribute: str) -> bool:
-    """Whether an attribute of a node is a port."""
+    """Return whether an attribute of a node is a port."""
     return attribute[:1].isalpha() and attribute not in ("name", "ID")
 
 
 def ports(element: Element) -> dict[str, str]:
-    """A node's ports with their values, in order."""
+    """Return a node's ports with their values, in file order."""
     return {name: value for name, value in element.attributes.items() if is_port(name)}
 
 
 def conditions(element: Element) -> dict[str, str]:
-    """A node's pre- and post-conditions, in the order in which they are evaluated."""
+    """Return a node's pre- and post-conditions, in the order of evaluation."""
     return {name: element.attributes[name] for name in CONDITIONS if name in element.attributes}
 
 
 def metadata(element: Element) -> dict[str, str]:
-    """A node's other attributes, for example Groot2's `_collapsed`."""
+    """Return a node's other attributes, for example Groot2's `_collapsed`."""
     known = ("name", "ID", "_autoremap", *CONDITIONS)
     return {
         name: value
@@ -100,7 +100,7 @@ def metadata(element: Element) -> dict[str, str]:
 
 
 def pointer(value: str, attribute: str = "") -> str | None:
-    """The blackboard key that a port's value names, None for a constant.
+    """Return the blackboard key that a port's value names; None for a constant.
 
     `{=}` and `=` mean the key with the name of the attribute.
     """
@@ -116,7 +116,7 @@ def pointer(value: str, attribute: str = "") -> str | None:
 class Document:
     """One file. `items` are the root element and the comments and instructions around it.
 
-    `tolerated` and `refused`: what of its XML only BehaviorTree.CPP reads, and what it does not.
+    `tolerated`: invalid XML that BehaviorTree.CPP reads. `refused`: valid XML that it refuses.
     """
 
     file: str
@@ -153,7 +153,7 @@ class Document:
         return self.root.get("main_tree_to_execute")
 
     def models(self) -> dict[str, NodeManifest]:
-        """The node models of the file by their ID; the first of two with one ID counts."""
+        """Return the node models of the file by ID; if an ID occurs twice, the first model."""
         found: dict[str, NodeManifest] = {}
         for element in (model for models in self.model_lists for model in models.children):
             if element.tag in EXPLICIT_TAGS and element.get("ID"):
@@ -161,12 +161,12 @@ class Document:
         return found
 
     def text(self) -> str:
-        """The document as XML; reading it again gives an equal document."""
+        """Return the document as XML; reading it again gives an equal document."""
         lines = ['<?xml version="1.0" encoding="UTF-8"?>', *map(write_content, self.items)]
         return "\n".join(lines) + "\n"
 
     def copy(self) -> Document:
-        """A copy that shares nothing that can be changed."""
+        """Return a copy that shares no mutable data."""
         items = [item.copy() if isinstance(item, Element) else item for item in self.items]
         return Document(self.file, items, self.tolerated, self.refused)
 
@@ -194,7 +194,7 @@ def read_document(path: Path, limit_bytes: int = MAX_BYTES) -> Document:
 
 
 def parse_document(content: bytes | str, file: str) -> Document:
-    """As `read_document`, from memory; `file` is for messages."""
+    """Like `read_document`, from memory; `file` is used in messages."""
     return _document(file, parse_xml(content, file))
 
 

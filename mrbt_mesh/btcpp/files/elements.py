@@ -1,4 +1,4 @@
-"""XML as data: elements with their places in the file, and how they are written."""
+"""XML as data: elements with their positions in the file, and how they are written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeAlias
 INDENT = "  "
 MAX_WIDTH = 100
 
-# xml.sax.saxutils does the same, and loads all of urllib for it.
+# xml.sax.saxutils does the same, but imports all of urllib.
 _IN_TEXT = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "\r": "&#13;"})
 _IN_ATTRIBUTE = _IN_TEXT | str.maketrans({"\n": "&#10;", "\t": "&#9;"})
 
@@ -38,9 +38,9 @@ class Instruction:
 
 @dataclass(slots=True, eq=False)
 class Element:
-    """One element; attributes keep their order. `line` and `column` count from 1, 0: unknown.
+    """One element; attributes keep their order. `line` and `column` count from 1; 0: unknown.
 
-    Elements are equal if tags, attributes and content are, in order; lines do not count.
+    Elements are equal if their tags, attributes and content are, in order. Positions are ignored.
     """
 
     tag: str
@@ -51,20 +51,20 @@ class Element:
 
     @property
     def children(self) -> list[Element]:
-        """The elements inside, without comments and texts."""
+        """The child elements, without comments and texts."""
         return [item for item in self.content if isinstance(item, Element)]
 
     @property
     def text(self) -> str:
-        """The text inside, without that of inner elements."""
+        """The element's own text, without that of child elements."""
         return "".join(item.text for item in self.content if isinstance(item, Text))
 
     def get(self, attribute: str, default: str = "") -> str:
-        """An attribute's value."""
+        """Return an attribute's value, or `default` if it is missing."""
         return self.attributes.get(attribute, default)
 
     def walk(self) -> Iterator[Element]:
-        """This element and all inside it, outer ones first, in the order of the file."""
+        """Yield this element and its descendants, parents first, in file order."""
         waiting = [self]
         while waiting:
             element = waiting.pop()
@@ -72,7 +72,7 @@ class Element:
             waiting.extend(reversed(element.children))
 
     def copy(self) -> Element:
-        """A copy that shares nothing that can be changed."""
+        """Return a copy that shares no mutable data."""
         content = [item.copy() if isinstance(item, Element) else item for item in self.content]
         return Element(self.tag, dict(self.attributes), content, self.line, self.column)
 
@@ -88,7 +88,7 @@ Content: TypeAlias = Element | Comment | Text | Instruction
 
 
 def _flat(element: Element) -> Iterator[object]:
-    """The element as a flat sequence, so that comparing deep ones needs no recursion."""
+    """Yield the element as a flat sequence, so comparing deep elements needs no recursion."""
     waiting: list[object] = [element]
     while waiting:
         item = waiting.pop()
@@ -100,7 +100,7 @@ def _flat(element: Element) -> Iterator[object]:
 
 
 def write_content(item: Content, indent: str = "") -> str:
-    """One item as XML on lines of its own; with text inside, nothing is indented."""
+    """Return one item as XML on lines of its own; an element with text is not indented inside."""
     if not isinstance(item, Element):
         return indent + _inline(item)
     if not item.content:
@@ -112,7 +112,7 @@ def write_content(item: Content, indent: str = "") -> str:
 
 
 def _quoted(value: str) -> str:
-    """An attribute's value, in single quotes if only double ones are in it."""
+    """Quote an attribute's value, with single quotes if it contains only double ones."""
     escaped = value.translate(_IN_ATTRIBUTE)
     if '"' not in escaped:
         return f'"{escaped}"'
@@ -120,7 +120,7 @@ def _quoted(value: str) -> str:
 
 
 def _open_tag(element: Element, end: str, indent: str) -> str:
-    """On one line, or with one attribute per line if that would be too long."""
+    """Return a tag on one line, or with one attribute per line if it would be too long."""
     attributes = [f"{name}={_quoted(value)}" for name, value in element.attributes.items()]
     line = indent + " ".join([f"<{element.tag}", *attributes]) + end
     if len(line) <= MAX_WIDTH or len(attributes) < 2:

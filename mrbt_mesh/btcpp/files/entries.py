@@ -1,4 +1,4 @@
-"""Which blackboard entries a node reads and writes, by its ports, its scripts and its model."""
+"""Finds the blackboard entries that a node reads and writes: in ports, scripts and its model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ NAME_PORTS = {"SetBlackboard": "output_key", "UnsetBlackboard": "key"}
 
 @dataclass(frozen=True, slots=True)
 class EntryAccess:
-    """Entries of the one blackboard. `writes_any`: which one is only known when it runs."""
+    """Entries of the expanded tree's blackboard that are read and written.
+
+    `writes_any`: it also writes an entry whose name is only known at run time.
+    """
 
     reads: frozenset[str] = frozenset()
     writes: frozenset[str] = frozenset()
@@ -32,15 +35,15 @@ class EntryAccess:
 
     @property
     def entries(self) -> frozenset[str]:
-        """All that are named."""
+        """All entries, read or written."""
         return self.reads | self.writes
 
 
 def port_access(node: ExpandedNode, library: Library) -> EntryAccess:
-    """What one node's ports and scripts do, without its pre- and postconditions.
+    """Return the entries used by a node's ports and script ports, without pre-/post-conditions.
 
-    A node without a model may do both with whatever its ports point to. What a SubTree is given
-    counts where it is used.
+    A node without a model may read and write all entries that its ports point to. The ports of a
+    SubTree count where its inner nodes use them.
     """
     if node.category is Category.SUBTREE:
         return EntryAccess()
@@ -61,12 +64,12 @@ def port_access(node: ExpandedNode, library: Library) -> EntryAccess:
 
 
 def access(node: ExpandedNode, library: Library) -> EntryAccess:
-    """What one node does by itself, its pre- and postconditions included."""
+    """Return the entries that one node itself uses, including its pre- and post-conditions."""
     return port_access(node, library) | script_access(node.conditions.values())
 
 
 def access_below(nodes: Iterable[ExpandedNode], library: Library) -> EntryAccess:
-    """What nodes and all below them do."""
+    """Return the entries that nodes and their descendants use."""
     found = EntryAccess()
     for node in nodes:
         for inner in node.walk():
@@ -75,7 +78,7 @@ def access_below(nodes: Iterable[ExpandedNode], library: Library) -> EntryAccess
 
 
 def script_access(texts: Iterable[str]) -> EntryAccess:
-    """The names in scripts; the name of an enum looks like an entry that is never written."""
+    """Return the names in scripts. An enum's name looks like an entry that is never written."""
     found = EntryAccess()
     for script in read_scripts(texts):
         found |= EntryAccess(script.read, script.written)
@@ -83,7 +86,7 @@ def script_access(texts: Iterable[str]) -> EntryAccess:
 
 
 def read_scripts(texts: Iterable[str]) -> Iterator[Script]:
-    """The scripts that can be read."""
+    """Yield the scripts that can be parsed."""
     for text in filter(None, texts):
         try:
             yield parse(text)
@@ -92,7 +95,7 @@ def read_scripts(texts: Iterable[str]) -> Iterator[Script]:
 
 
 def _pointers(node: ExpandedNode, library: Library) -> Iterator[tuple[str, str]]:
-    """Ports that point to entries, and to which; a model's defaults count as well."""
+    """Yield ports that point to entries, with the entries; a model's defaults are included."""
     for name, value in node.ports.items():
         key = pointer(value, name)
         if key is not None:
@@ -105,7 +108,7 @@ def _pointers(node: ExpandedNode, library: Library) -> Iterator[tuple[str, str]]
 
 
 def port_direction(node: ExpandedNode, name: str, library: Library) -> Direction:
-    """What a node does with a port's entry; both, as far as nothing is known of it."""
+    """Return whether a node reads or writes a port's entry; both if the port is unknown."""
     model = library.model(node.type)
     port = model.ports.get(name) if model else None
     return Direction.INOUT if port is None else port.direction

@@ -1,4 +1,4 @@
-"""Which blackboard entries nodes read before they have written them: what is kept from before."""
+"""Finds the blackboard entries that nodes may read before writing them: values kept from before."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _IN_TURN = frozenset(
     {"Sequence", "AsyncSequence", "SequenceWithMemory", "ReactiveSequence", "PipelineSequence"}
 )
 _ALTERNATIVES = frozenset({"Fallback", "AsyncFallback", "ReactiveFallback"})
-# They succeed only if their first child has.
+# These succeed only if their first child has succeeded.
 _AS_THE_FIRST = frozenset(
     {"RetryUntilSuccessful", "Repeat", "Timeout", "Delay"}
     | {"RateController", "RecoveryNode", "GoalUpdater"}
@@ -27,8 +27,10 @@ _NOTHING: frozenset[str] = frozenset()
 
 @dataclass(frozen=True, slots=True)
 class EntryFlow:
-    """`kept`: entries that may be read before they are written. `written`: those that surely have
-    been written once the node has succeeded; an output port counts as written by a success.
+    """Data flow of a node.
+
+    `kept`: entries that may be read before they are written. `written`: entries that are certainly
+    written once the node has succeeded; a success counts as writing all output ports.
     """
 
     kept: frozenset[str]
@@ -36,7 +38,7 @@ class EntryFlow:
 
 
 def entry_flow(node: ExpandedNode, library: Library, known: frozenset[str] = _NOTHING) -> EntryFlow:
-    """Of a node and all below it, where entries `known` have been written before."""
+    """Return the flow of a node and its descendants; the entries `known` were written before."""
     own = access(node, library)
     kept = own.reads - known
     ports = port_access(node, library)
@@ -46,10 +48,10 @@ def entry_flow(node: ExpandedNode, library: Library, known: frozenset[str] = _NO
         written = surely if is_sure else _NOTHING
     else:
         if node.type in BUILTIN or node.type in NAV2_NODES:
-            known |= surely  # it writes them before it ticks its child
+            known |= surely  # The node writes them before it ticks its child.
         below = _of_children(node, library, known)
         kept, written = kept | below.kept, below.written
-    # It may have succeeded, or been skipped, without doing anything.
+    # With a pre-condition it may have succeeded, or been skipped, without doing anything.
     is_skippable = any(name in node.conditions for name in PRECONDITIONS)
     return EntryFlow(kept, _NOTHING if is_skippable else written)
 
@@ -57,7 +59,7 @@ def entry_flow(node: ExpandedNode, library: Library, known: frozenset[str] = _NO
 def flow_in_turn(
     nodes: Sequence[ExpandedNode], library: Library, known: frozenset[str] = _NOTHING
 ) -> EntryFlow:
-    """Of nodes one after the other, each once those before it have succeeded."""
+    """Return the flow of nodes run in order, each after the previous ones have succeeded."""
     kept, written = _NOTHING, _NOTHING
     for node in nodes:
         found = entry_flow(node, library, known | written)

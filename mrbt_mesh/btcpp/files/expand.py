@@ -1,7 +1,7 @@
-"""One tree from many: SubTrees are replaced by their trees, and all blackboards become one.
+"""Expands a tree: SubTrees are replaced by their trees, and all blackboards are merged into one.
 
-Every SubTree has a blackboard of its own. In the expanded tree there is one, and the entries of
-an inner one have names of their own, except those that are remapped to an outer one.
+Every SubTree has a blackboard of its own. On the merged blackboard, its entries get unique names,
+except those that are remapped to an outer blackboard.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from mrbt_mesh.errors import FileError, Problem
 MAX_NODES = 20_000
 _INTEGER = re.compile(r"-?[0-9]{1,30}", re.ASCII)
 
-# Ports that hold scripts: their text names blackboard entries.
+# Ports that hold scripts, whose names are blackboard entries.
 SCRIPT_PORTS = {"Script": "code", "ScriptCondition": "code", "Precondition": "if"}
 
 
 @dataclass(slots=True)
 class Scope:
-    """The blackboard of one SubTree, seen from the one blackboard.
+    """The blackboard of one SubTree, mapped to the merged blackboard.
 
-    `remapped`: keys that stand for keys of the outer one; `own`: keys that were given constants.
+    `remapped`: keys that stand for keys of the outer scope. `own`: keys that were given constants.
     """
 
     prefix: str
@@ -52,7 +52,7 @@ class Scope:
     own: set[str] = field(default_factory=set)
 
     def entry(self, key: str) -> str:
-        """The name of entry `key` on the one blackboard."""
+        """Return the name of entry `key` on the merged blackboard."""
         if key.startswith("@"):
             return key[1:]
         if self.outer is None or key in self.own:
@@ -64,7 +64,7 @@ class Scope:
         return self.prefix + key
 
     def names_of(self, entry: str) -> list[str]:
-        """The keys by which an entry of the one blackboard is known here; none if it is not."""
+        """Return the keys of this scope that stand for an entry of the merged blackboard."""
         keys = [entry.removeprefix(self.prefix)] if entry.startswith(self.prefix) else []
         if self.outer is not None:
             outside = set(self.outer.names_of(entry))
@@ -75,13 +75,12 @@ class Scope:
 
 @dataclass(slots=True)
 class ExpandedNode:
-    """A node of the expanded tree; pointers and scripts name entries of the one blackboard.
+    """A node of the expanded tree; pointers and scripts name entries of the merged blackboard.
 
-    A SubTree has its tree as its one child, or none if there is no such tree.
-    `is_guessed`: the category is a guess: a compact node without a model. `metadata` are
-    the attributes that BehaviorTree.CPP keeps and ignores. `element` is the node in its file, where
-    it names entries as its blackboard, `scope`, does. `call`: the task that a team has in its
-    place.
+    A SubTree has its tree as its only child, or no child if there is no such tree. `is_guessed`:
+    the category is a guess, because the node has the compact form and no model. `metadata`:
+    attributes that BehaviorTree.CPP keeps and ignores. `element` is the node in its file, where
+    entries have their names in `scope`. `call`: the task that replaces the node in a team.
     """
 
     type: str
@@ -100,7 +99,7 @@ class ExpandedNode:
     call: str = ""
 
     def walk(self) -> Iterator[ExpandedNode]:
-        """This node and all below it, in preorder."""
+        """Yield this node and its descendants in preorder."""
         waiting = [self]
         while waiting:
             node = waiting.pop()
@@ -110,18 +109,18 @@ class ExpandedNode:
 
 @dataclass(slots=True)
 class ExpandedTree:
-    """The whole tree. `constants` are the entries that SubTrees were given as constants."""
+    """An expanded tree. `constants` are the entries that SubTrees were given as constants."""
 
     root: ExpandedNode
     constants: dict[str, str]
 
     def blackboard(self) -> dict[str, Value]:
-        """The entries of the one blackboard before the first tick."""
+        """Return the entries of the merged blackboard before the first tick."""
         return {key: constant_value(text) for key, text in self.constants.items()}
 
 
 def constant_value(text: str) -> Value:
-    """A SubTree's constant as BehaviorTree.CPP stores it: an integer, a real number or a text."""
+    """Convert a SubTree's constant like BehaviorTree.CPP to an integer, real number or text."""
     if _INTEGER.fullmatch(text) and -(2**63) <= int(text) < 2**63:
         return int(text)
     number = read_real(text)
@@ -129,7 +128,7 @@ def constant_value(text: str) -> Value:
 
 
 def expand(library: Library, tree: str) -> ExpandedTree:
-    """The tree called `tree` with all its SubTrees.
+    """Expand the tree called `tree` with all its SubTrees.
 
     Raises FileError for trees that contain themselves, and for more than `MAX_NODES` nodes.
     """
@@ -205,14 +204,14 @@ class _Expansion:
         return node
 
     def resolved(self, name: str, port: str, value: str, scope: Scope) -> str:
-        """A port's value with the entry that it points to, or that its script names."""
+        """Return a port's value with entries named as on the merged blackboard."""
         key = pointer(value, port)
         if key is not None:
             return f"{{{scope.entry(key)}}}"
         return _script(value, scope) if SCRIPT_PORTS.get(name) == port else value
 
     def inner_scope(self, element: Element, name: str, outer: Scope) -> Scope:
-        """The blackboard of a SubTree."""
+        """Return the scope of a SubTree; notes the constants it is given."""
         self.subtrees += 1
         safe = re.sub(r"\W", "_", name)
         autoremap, given, _ = self.library.subtree_ports(element)
@@ -228,7 +227,7 @@ class _Expansion:
 
 
 def _script(text: str, scope: Scope) -> str:
-    """A script whose names are those of the one blackboard; one that cannot be read stays."""
+    """Rename a script's entries as on the merged blackboard; an unreadable script is kept."""
     try:
         script = parse(text)
     except ScriptError:

@@ -1,4 +1,4 @@
-"""Write trees so that Groot2 can open them: the explicit form, and models of all nodes."""
+"""Writes trees so that Groot2 can open them: in the explicit form, with models of all nodes."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from mrbt_mesh.btcpp.files.library import Library, TreeSource
 
 
 def explicit(library: Library, *, is_merged: bool = False) -> Document:
-    """The first document in the explicit form, with models of all nodes that it uses.
+    """Return the first document in the explicit form, with models of all nodes that it uses.
 
-    A lone tree without an ID gets none: beside models BehaviorTree.CPP would want its ID. With
-    `is_merged` the trees of all included files are in it, and no <include> is left.
+    No models are added for a lone tree without an ID: next to models, BehaviorTree.CPP would
+    require an ID. With `is_merged`, the trees of all included files replace the <include> elements.
     """
     document = library.documents[0].copy()
     if is_merged:
@@ -76,7 +76,7 @@ def _merge(document: Document, library: Library) -> None:
 
 
 def _add_models(document: Document, library: Library) -> None:
-    """Describe each node that the document uses and that has no model yet."""
+    """Add a model for each node that the document uses and that has no model yet."""
     described = set(document.models())
     uses: dict[str, list[Element]] = {}
     for tree in document.trees:
@@ -96,7 +96,7 @@ def _add_models(document: Document, library: Library) -> None:
 
 
 def model_element(model: NodeManifest) -> Element:
-    """A model as an element of <TreeNodesModel>."""
+    """Return a model as an element of <TreeNodesModel>."""
     element = Element(model.category, {"ID": model.id})
     if model.description:
         element.content.append(Element("description", {}, [Text(model.description)]))
@@ -112,7 +112,7 @@ def model_element(model: NodeManifest) -> Element:
 
 
 def _guessed_model(name: str, uses: list[Element]) -> Element:
-    """A model from a node's uses. Ports that are given blackboard entries may be written."""
+    """Guess a model from a node's uses. A port that is given an entry counts as an inout port."""
     element = Element(uses[0].tag, {"ID": name})
     found: dict[str, bool] = {}
     for use in uses:
@@ -125,14 +125,14 @@ def _guessed_model(name: str, uses: list[Element]) -> Element:
 
 
 def with_ids(library: Library) -> Document:
-    """One <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
+    """Return one <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
 
-    As BehaviorTree.CPP describes its nodes to a monitor: they are numbered from 1, depth first,
-    those of a SubTree right after it. Raises FileError without a main tree, and for a tree that
-    cannot be expanded.
+    This is how BehaviorTree.CPP describes its nodes to a monitor. Nodes are numbered from 1, depth
+    first, those of a SubTree directly after it. Raises FileError if there is no main tree, or if
+    the tree cannot be expanded.
     """
     main = library.chosen_tree()
-    # Refuses trees that contain themselves, or that are too large.
+    # Raises FileError for a tree that contains itself, or that is too large.
     expand(library, main)
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": main})
 

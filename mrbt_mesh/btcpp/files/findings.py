@@ -1,4 +1,4 @@
-"""What checking finds: errors, and warnings that become errors with `--strict`."""
+"""Findings of a check: errors and warnings, some of which become errors with `--strict`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_FINDINGS = 500
 
 
 class Severity(enum.StrEnum):
-    """`ERROR`: the file cannot be used. `WARNING`: it can, though not by the letter."""
+    """`ERROR`: the file cannot be used. `WARNING`: it can be used, but breaks a rule or is odd."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -29,7 +29,7 @@ class Finding:
         return str(self.problem)
 
     def to_json(self) -> dict[str, str | int]:
-        """As plain data."""
+        """Return the finding as plain data."""
         problem = self.problem
         return {
             "severity": str(self.severity),
@@ -48,20 +48,20 @@ class Findings:
     found: dict[Finding, None] = field(default_factory=dict)
 
     def error(self, file: str, line: int, path: str, message: str) -> None:
-        """Note what makes a file useless."""
+        """Add an error, which makes the file unusable."""
         self._add(Severity.ERROR, Problem(file, line, path, message))
 
     def rule(self, file: str, line: int, path: str, message: str) -> None:
-        """Note a broken rule without which the file still has a meaning."""
+        """Add a broken rule that leaves the file's meaning clear: an error if strict."""
         severity = Severity.ERROR if self.is_strict else Severity.WARNING
         self._add(severity, Problem(file, line, path, message))
 
     def warn(self, file: str, line: int, path: str, message: str) -> None:
-        """Note what is allowed but hardly meant."""
+        """Add a warning: the file is valid here, but probably not as intended."""
         self._add(Severity.WARNING, Problem(file, line, path, message))
 
     def warn_all(self, problems: Iterable[Problem]) -> None:
-        """Note problems that others have found as warnings."""
+        """Add problems found elsewhere as warnings."""
         for problem in problems:
             self._add(Severity.WARNING, problem)
 
@@ -71,21 +71,21 @@ class Findings:
 
     @property
     def is_full(self) -> bool:
-        """Whether there may be more findings than were kept."""
+        """True if the limit is reached; further findings are dropped."""
         return len(self.found) >= MAX_FINDINGS
 
     @property
     def errors(self) -> list[Finding]:
-        """The errors, in the order of the file."""
+        """The errors, in file order."""
         return [finding for finding in self.in_order() if finding.severity is Severity.ERROR]
 
     @property
     def warnings(self) -> list[Finding]:
-        """The warnings, in the order of the file."""
+        """The warnings, in file order."""
         return [finding for finding in self.in_order() if finding.severity is Severity.WARNING]
 
     def in_order(self) -> list[Finding]:
-        """All findings, file by file, in the order of their lines."""
+        """Return all findings, file by file, in the order of their lines."""
         files = {finding.problem.file: None for finding in self.found}
         order = {file: number for number, file in enumerate(files)}
         return sorted(self.found, key=lambda f: (order[f.problem.file], f.problem.line))

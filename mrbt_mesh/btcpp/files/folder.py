@@ -1,4 +1,4 @@
-"""All BehaviorTree.CPP files of a folder, as a robot's package holds them."""
+"""Reads all BehaviorTree.CPP files of a folder, for example of a robot's package."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OF_A_TREE = frozenset({TREE, MODELS, INCLUDE})
 
 @dataclass
 class TreeFolder:
-    """What a folder holds: trees by file, files that cannot be read, and XML of another kind."""
+    """Contents of a folder: documents by file, unreadable files, and XML files of other kinds."""
 
     path: Path
     documents: dict[Path, Document] = field(default_factory=dict)
@@ -24,9 +24,9 @@ class TreeFolder:
 
 
 def read_folder(folder: Path) -> TreeFolder:
-    """Read all .xml files below a folder, in the order of their names, but not hidden folders.
+    """Read all .xml files below a folder, sorted by name, except those in hidden folders.
 
-    Raises InputError if there are none, or too many.
+    Raises InputError if there are no BehaviorTree.CPP files, or more than MAX_FOLDER_FILES files.
     """
     found = TreeFolder(folder)
     paths = _xml_files(folder)
@@ -60,7 +60,7 @@ def _xml_files(folder: Path) -> list[Path]:
 
 
 def _speaks_of_trees(path: Path) -> bool:
-    """Whether a file that cannot be read was meant as one with trees."""
+    """Return whether an unreadable file was probably meant to contain trees."""
     try:
         with path.open("rb") as file:
             content = file.read(1 << 20).replace(b"\0", b"")

@@ -1,7 +1,7 @@
-"""Text that is not XML, but that BehaviorTree.CPP's reader, tinyxml2, accepts.
+"""Repairs invalid XML that BehaviorTree.CPP's reader, tinyxml2, accepts.
 
-Raw `<` and `&`, where XML wants `&lt;` and `&amp;`: people write `_skipIf="a < 3 && b"`.
-Attributes with nothing between them: `<Go to="a"speed="2"/>`. And `--` inside comments.
+It accepts raw `<` and `&` instead of `&lt;` and `&amp;`, as in `_skipIf="a < 3 && b"`, attributes
+with no space between them, as in `<Go to="a"speed="2"/>`, and `--` inside comments.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ _RAW = {
     "&": re.compile(r"&(?!(?:amp|lt|gt|quot|apos|#[0-9]+|#[xX][0-9a-fA-F]+);)"),
     "<": re.compile("<"),
 }
-# Possessive, so that nothing is tried twice.
+# Possessive quantifiers, so the pattern never backtracks.
 _TAG = re.compile(r"""</?[^\W\d](?:[^"'<>]++|"[^"]*+"|'[^']*+')*+>""")
-# Text after that many `<` is left as it is: a file with more elements is refused anyway.
+# Text after this many `<` is not repaired: a file with more elements is refused anyway.
 MAX_MARKUP = 400_000
 _COMMENT = "<!--"
 _CLOSED_BY = ((_COMMENT, "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
@@ -25,9 +25,9 @@ _VALUE = re.compile(r"""([^\s=<>"'/]++)(\s*+=\s*+)("[^"]*+"|'[^']*+')""")
 
 
 def mended(text: str) -> tuple[str, list[tuple[int, str]]]:
-    """The text as XML, and (line, what was mended) for each place.
+    """Return the text as XML, and (line, what was repaired) for each place.
 
-    Lines count from 1. Whatever else is wrong with the text stays as it is.
+    Lines count from 1. Other errors in the text are left alone.
     """
     parts: list[str] = []
     notes: list[tuple[int, str]] = []
@@ -47,10 +47,10 @@ def mended(text: str) -> tuple[str, list[tuple[int, str]]]:
 
 
 def _mend(value: str, where: str, behind: str) -> tuple[str, list[tuple[int, str]]]:
-    """A text or a value as XML, and what was wrong with it: where it begins, and what it is."""
+    """Return a text or value as XML, and its errors as pairs of position and message."""
     if where == _COMMENT:
         at = f"{value}-".find("--")
-        # A `-` right before the end is one of two as well.
+        # A `-` right before the closing `-->` also makes a `--`.
         kept = _HYPHENS.sub("- ", f"{value}-")[:-1]
         return kept, [] if at < 0 else [(at, "'--', which XML does not allow; taken for '- -'")]
     found = []
@@ -67,7 +67,10 @@ def _mend(value: str, where: str, behind: str) -> tuple[str, list[tuple[int, str
 
 
 def _suspects(text: str) -> Iterator[tuple[int, int, str, str]]:
-    """(begin, end, text, attribute) of texts, which have no attribute, values and comments."""
+    """Yield (begin, end, text, attribute) of texts, attribute values and comments.
+
+    The attribute is empty for a text, and `<!--` for a comment.
+    """
     place = 0
     for _ in range(MAX_MARKUP):
         begin = text.find("<", place)

@@ -1,4 +1,4 @@
-"""A file with everything that it includes: one set of trees and one of node models."""
+"""A file and the files it includes: one set of trees and one of node models."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class TreeSource:
 
 @dataclass
 class Library:
-    """The documents, in version 4, the first one first; trees and models by their ID.
+    """Documents of version 4, starting with the main file; trees and models by ID.
 
-    A tree without an ID is called `BehaviorTree`, as it is the only one. `registered` has the trees
-    of the documents in the library's order: included files before the file that includes them.
-    Trees and models may be known from other files, too, which are no documents here.
+    A tree without an ID, which must be the only one, is called `BehaviorTree`. `registered` has the
+    trees of the documents in BehaviorTree.CPP's order: included files before the file that includes
+    them. `trees` and the models may also come from other files, which are not in `documents`.
     """
 
     documents: list[Document] = field(default_factory=list)
@@ -55,7 +55,7 @@ class Library:
 
     @property
     def main_tree(self) -> str | None:
-        """The ID of the tree to execute, as BehaviorTree.CPP decides; None: it would not load.
+        """The ID of the tree that BehaviorTree.CPP would execute; None if it would not load.
 
         The first document names it, or it is the only tree of that document, or of all documents.
         """
@@ -67,7 +67,7 @@ class Library:
         return next(iter(self.own_trees)) if len(self.own_trees) == 1 else None
 
     def chosen_tree(self, tree: str | None = None) -> str:
-        """The ID `tree` if there is such a tree, or of the main tree. Raises FileError."""
+        """Return `tree`, or by default the ID of the main tree. Raises FileError if not found."""
         name = tree or self.main_tree
         if name is not None and name in self.trees:
             return name
@@ -86,13 +86,13 @@ class Library:
         return {name: each for name, each in self.trees.items() if id(each.document) in own}
 
     def model(self, name: str) -> NodeManifest | None:
-        """The model of a node: built in, of the files, or Nav2's."""
+        """Return the model of a node: built in, from the files, or Nav2's; else None."""
         return BUILTIN.get(name) or self.models.get(name) or NAV2_NODES.get(name)
 
     def subtree_ports(self, element: Element) -> tuple[bool, dict[str, str], list[str]]:
-        """Of a <SubTree>: whether it remaps every entry, its ports, and those that are missing.
+        """Return whether a <SubTree> remaps every entry, its ports, and its missing ports.
 
-        The defaults of its model count as given.
+        Ports with a default in its model count as given.
         """
         remaps_all = read_boolean(element.get("_autoremap", "false")) or False
         given = ports(element)
@@ -103,13 +103,13 @@ class Library:
         return remaps_all, given, [port.name for port in left_out if not port.default]
 
     def know(self, other: Library) -> None:
-        """Learn trees and models of other files, which are no documents here."""
+        """Add the trees and models of another library, but not its documents."""
         self.trees = other.trees | self.trees
         self.models = other.models | self.models
         self.subtree_models = other.subtree_models | self.subtree_models
 
     def take_in(self, tree: str) -> None:
-        """Make documents of the other files whose trees a tree needs, and those in turn."""
+        """Add the documents of all trees that `tree` uses, directly or indirectly."""
         seen, waiting = set(), [tree]
         while waiting:
             source = self.trees.get(waiting.pop())
@@ -122,9 +122,9 @@ class Library:
             waiting.extend(each.get("ID") for each in used)
 
     def make_actions(self, names: Collection[str]) -> None:
-        """Make SubTrees of these IDs, which no file has, actions with the same ports. `*`: all.
+        """Turn SubTrees that no file defines into actions with the same ports. `*`: all of them.
 
-        Raises ValueError for one that is there, or that no node uses.
+        Raises ValueError for an ID that a tree has, or that no SubTree node uses.
         """
         documents = {id(each.document): each.document for each in self.trees.values()}
         documents |= {id(document): document for document in self.documents}
@@ -145,12 +145,12 @@ class Library:
                 self.models[name] = replace(model, category=Category.ACTION)
 
     def add(self, document: Document) -> None:
-        """Take over a document's trees and models. Of two of the same ID the last one counts."""
+        """Add a document with its trees and models. If an ID occurs twice, the last one counts."""
         self.documents.append(document)
         self.register(document)
 
     def register(self, document: Document) -> None:
-        """Take over the trees and models of one of the documents."""
+        """Register the trees and models of a document."""
         for element in document.trees:
             name = element.get("ID") or LONE_TREE
             self.trees[name] = TreeSource(name, document, element)
@@ -166,11 +166,11 @@ def load_library(
     package_folders: Sequence[Path] | None = None,
     others: Library | None = None,
 ) -> Library:
-    """Read a file and what it includes; files of version 3 become version 4.
+    """Read a file and the files it includes; files of version 3 are converted to version 4.
 
-    `package_folders` are searched for the packages of `ros_pkg`; by default those of ROS 2. Trees
-    and models of `others` are known besides. Includes that cannot be read, and changes, are noted
-    in `findings`. Raises FileError if the file itself cannot be read.
+    `package_folders` are searched for the packages of `ros_pkg`; by default those of ROS 2
+    (AMENT_PREFIX_PATH). Trees and models of `others` are added. Unreadable includes, and changes,
+    are added to `findings`. Raises FileError if the file itself cannot be read.
     """
     return _load(path, read_document(path), findings, package_folders, others)
 
@@ -178,7 +178,7 @@ def load_library(
 def load_text(
     text: str, path: Path, findings: Findings, package_folders: Sequence[Path] | None = None
 ) -> Library:
-    """As `load_library`, from memory: its includes are relative to the folder of `path`."""
+    """Like `load_library`, from memory; includes are relative to the folder of `path`."""
     return _load(path, parse_document(text, str(path)), findings, package_folders, None)
 
 
@@ -200,7 +200,7 @@ def _load(
 
 
 def together(documents: Iterable[Document]) -> Library:
-    """One library of many files, to know their trees and models; nothing is noted."""
+    """Return one library with the trees and models of many files; findings are discarded."""
     library = Library()
     for document in documents:
         library.add(upgrade(document, Findings()))
@@ -208,7 +208,7 @@ def together(documents: Iterable[Document]) -> Library:
 
 
 def library_of(document: Document, findings: Findings) -> Library:
-    """A library of one document, whose includes are not followed."""
+    """Return a library of one document; its includes are not followed."""
     library = Library()
     library.add(_read(document, findings))
     library.missing_files.extend(include.get("path") for include in document.includes)
@@ -216,7 +216,7 @@ def library_of(document: Document, findings: Findings) -> Library:
 
 
 def _read(document: Document, findings: Findings) -> Document:
-    """The document in version 4; notes what is odd about its XML and its version."""
+    """Convert a document to version 4; adds findings about its XML and its version."""
     findings.warn_all(document.tolerated)
     for problem in document.refused:
         findings.rule(problem.file, problem.line, problem.path, problem.message)
@@ -276,7 +276,7 @@ class _Loader:
         self.load(target, included, including)
 
     def target(self, path: Path, element: Element, place: tuple[str, int, str]) -> Path | None:
-        """The file that an <include> names, relative to the including file or to a package."""
+        """Return the file that an <include> names, relative to its own file or to a package."""
         named = Path(element.get("path"))
         package = element.get("ros_pkg")
         if not package:

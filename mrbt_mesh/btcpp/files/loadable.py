@@ -1,4 +1,4 @@
-"""Write forms of the same meaning that BehaviorTree.CPP loads, from version 4.7 on."""
+"""Rewrites documents into equivalent forms that BehaviorTree.CPP 4.7 and later loads."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _JSON = "json:"
 
 
 def compact(document: Document) -> Document:
-    """The document in the compact form: `<Foo .../>` for `<Action ID="Foo" .../>`."""
+    """Return the document in the compact form: `<Foo .../>` for `<Action ID="Foo" .../>`."""
     result = document.copy()
     for tree in result.trees:
         _make_compact(element for element in tree.walk() if element is not tree)
@@ -35,10 +35,10 @@ def compact(document: Document) -> Document:
 
 
 def loadable(document: Document) -> Document:
-    """The document with nothing in a form that BehaviorTree.CPP refuses.
+    """Return the document without forms that BehaviorTree.CPP refuses.
 
-    Below a ReactiveSequence it knows no <Action ID=...>; it reads `<?...?>` only at the beginning,
-    no `json:` lists in queues, and texts of scripts in single quotes.
+    It refuses <Action ID=...> below a ReactiveSequence, `<?...?>` after the beginning of the file,
+    `json:` lists in queues, and double-quoted texts in scripts.
     """
     result = document.copy()
     for element in result.root.walk():
@@ -63,14 +63,14 @@ def loadable(document: Document) -> Document:
 def _make_compact(elements: Iterable[Element]) -> None:
     for element in elements:
         name = element.get("ID")
-        # Some names are none for a tag; those nodes stay explicit.
+        # Some names cannot be tags; those nodes keep the explicit form.
         if element.tag in EXPLICIT_TAGS - {SUBTREE} and _is_tag(name):
             del element.attributes["ID"]
             element.tag = name
 
 
 def _is_tag(name: str) -> bool:
-    """Whether a name can be an XML tag that is not read as something else."""
+    """Return whether a name can be an XML tag without another meaning."""
     if name in EXPLICIT_TAGS or name in (TREE, MODELS, INCLUDE, "root"):
         return False
     return _TAG.fullmatch(name) is not None and not name.lower().startswith("xml")
@@ -93,7 +93,7 @@ def _single_quoted(script: str) -> str:
 
 
 def _plain_list(kind: str, text: str) -> str:
-    """`json:[1, 2]` as `1;2`, where that means the same."""
+    """Rewrite `json:[1, 2]` as `1;2`, if that means the same."""
     if not text.startswith(_JSON):
         return text
     try:

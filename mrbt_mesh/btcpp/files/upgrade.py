@@ -1,4 +1,4 @@
-"""Version 3 files: what was renamed or means something else in version 4."""
+"""Converts version 3 files: names and meanings that changed in version 4."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ RENAMED_PORTS = {
         "threshold": "success_count",
     },
 }
-# By the tag of version 3, on which alone each has an effect.
+# By version 3 tag; each attribute has an effect only on that tag.
 RENAMED_SUBTREE_ATTRIBUTES = {
     SUBTREE: {"__shared_blackboard": "_autoremap"},
     "SubTreePlus": {"__autoremap": "_autoremap"},
 }
 _SUBTREE_ATTRIBUTES = frozenset(old for each in RENAMED_SUBTREE_ATTRIBUTES.values() for old in each)
 _CHECK = "<BlackboardCheck...> is gone; write <Precondition if='a == b' else='FAILURE'>"
-# Groot 1 wrote it around the node that is the root; since 4.8.4 the name is reserved.
+# Groot 1 wrapped the root node in this tag; since 4.8.4 the name is reserved.
 _GROOT_ROOT = "Root"
 
 Note: TypeAlias = Callable[[str, bool], None]
 
 
-# Nodes of version 3 that version 4 has no longer, and of version 4 that version 3 did not have.
+# Nodes that only version 3 has, and nodes that only version 4 has.
 _CHECKS = frozenset(f"BlackboardCheck{kind}" for kind in ("Int", "Double", "String", "Bool"))
 _ONLY_3 = _CHECKS | RENAMED_NODES.keys()
 _ONLY_4 = frozenset(BUILTIN) - {
@@ -63,10 +63,10 @@ _PORTS_OF_4 = frozenset(RENAMED_PORTS["Parallel"].values())
 
 
 def _version(document: Document) -> tuple[int, str]:
-    """The version of a file, and how it is known without BTCPP_format.
+    """Return a file's version and, if it has no BTCPP_format, the reason for that version.
 
-    What only one version has decides; else constants that a SubTree is given, which in version 3
-    are the names of entries: they are, if the file uses such an entry.
+    Features that only one version has decide. Otherwise a constant passed to a SubTree means
+    version 3, where it is the name of an entry, if the file uses an entry of that name.
     """
     given = document.root.attributes.get("BTCPP_format")
     if given is not None:
@@ -85,7 +85,7 @@ def _version(document: Document) -> tuple[int, str]:
 
 
 def _marks(element: Element) -> Iterator[tuple[int, str]]:
-    """What at a node only one of the two versions has."""
+    """Yield (version, mark) for each feature of a node that only one version has."""
     name = type_id(element)
     if name in _ONLY_3 or element.tag in _ONLY_3:
         yield 3, name if name in _ONLY_3 else element.tag
@@ -106,7 +106,7 @@ def _marks(element: Element) -> Iterator[tuple[int, str]]:
 
 
 def _entry_of_subtree(document: Document) -> str:
-    """A constant that a SubTree is given and that names an entry of the tree around it."""
+    """Return a constant passed to a SubTree that names an entry of the surrounding tree, or ""."""
     for tree in document.trees:
         elements = list(tree.walk())
         entries = {pointer(v, n) for e in elements for n, v in ports(e).items()}
@@ -120,10 +120,10 @@ def _entry_of_subtree(document: Document) -> str:
 
 
 def upgrade(document: Document, findings: Findings) -> Document:
-    """The document in version 4; what was changed is noted in `findings`.
+    """Convert a document to version 4; changes are added to `findings`.
 
-    BehaviorTree.CPP 4 refuses some of what is changed, so that is a broken rule. A document of
-    version 4 comes back as it is, or with `BTCPP_format` if it has none.
+    A change of something that BehaviorTree.CPP 4 refuses is added as a broken rule. A document of
+    version 4 is returned unchanged, or with `BTCPP_format` added if it is missing.
     """
     version, reason = _version(document)
     if reason:
@@ -168,7 +168,7 @@ def _upgrade_root(document: Document, findings: Findings) -> None:
 
 
 def _first_of_each_name(document: Document, note_at: Callable[[Element], Note]) -> set[str]:
-    """Leave the first tree of each ID, which counts in version 3; their IDs."""
+    """Keep only the first tree of each ID, which version 3 uses. Returns the IDs."""
     found: set[str] = set()
     for tree in document.trees:
         name = tree.get("ID")
@@ -190,7 +190,7 @@ def _without_groot_root(tree: Element, note_at: Callable[[Element], Note]) -> No
 
 
 def old_pointer(value: str) -> str:
-    """The entry that `${entry}` names in version 3, else ""."""
+    """Return the entry that a version 3 value `${entry}` names, else ""."""
     return value[2:-1] if len(value) > 3 and value.startswith("${") and value[-1] == "}" else ""
 
 
@@ -231,7 +231,10 @@ def _new_pointer(attribute: str, value: str, note: Note) -> str:
 
 
 def _upgrade_subtree(element: Element, old_tag: str, in_tree: bool, note: Note) -> None:
-    """A <SubTree> of version 3 names entries by plain text, a <SubTreePlus> as version 4 does."""
+    """Convert the attributes of a SubTree.
+
+    A version 3 <SubTree> names entries by plain text, a <SubTreePlus> in braces as in version 4.
+    """
     renamed = RENAMED_SUBTREE_ATTRIBUTES.get(old_tag, RENAMED_SUBTREE_ATTRIBUTES[SUBTREE])
     is_plus = old_tag == "SubTreePlus"
     is_shared = not is_plus and bool(read_boolean(element.get("__shared_blackboard")))
@@ -254,7 +257,7 @@ def _upgrade_subtree(element: Element, old_tag: str, in_tree: bool, note: Note) 
 
 
 def _upgrade_outputs(element: Element, model: NodeManifest, note: Note) -> None:
-    """A bare name at an output port was the entry to write; version 4 finds nothing to write."""
+    """Put braces around the plain entry names of output ports, as version 4 requires."""
     for name, value in ports(element).items():
         port = model.ports.get(name)
         is_output = port is not None and port.direction is Direction.OUTPUT

@@ -1,9 +1,8 @@
-"""Read XML from a file that may be hostile, with the place of every element.
+"""Reads XML from a file that may be hostile, with the position of every element.
 
-Expat does the reading. Document type declarations are refused as soon as they begin, so that
-there are no entities: nothing can expand, and nothing outside the file is ever opened. What
-only BehaviorTree.CPP's own reader (tinyxml2) takes is taken too, with a warning, and what it
-refuses though it is XML is noted.
+The parser is Expat. Document type declarations are refused as soon as they begin, so there are no
+entities: nothing can expand, and no other file is ever opened. Invalid XML that BehaviorTree.CPP's
+own reader (tinyxml2) accepts is read with a warning, and valid XML that it refuses is noted.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from mrbt_mesh.btcpp.files.lenient_xml import mended
 from mrbt_mesh.errors import FileError, Problem, read_limited
 
 MAX_BYTES = 8 << 20
-# BehaviorTree.CPP allows 256 levels below <BehaviorTree>, which is the second.
+# BehaviorTree.CPP allows 256 levels below <BehaviorTree>, which is at level 2.
 MAX_LEVELS = 256 + 2
 MAX_ITEMS = 100_000
 MAX_ATTRIBUTES = 500
@@ -40,7 +39,7 @@ _HINTS = {
 class XmlContent:
     """The root element of a file, with the comments and instructions around it.
 
-    `tolerated` is no XML, though BehaviorTree.CPP reads it; `refused` is XML that it does not read.
+    `tolerated`: invalid XML that BehaviorTree.CPP reads. `refused`: valid XML that it refuses.
     """
 
     items: list[Content] = field(default_factory=list)
@@ -49,12 +48,12 @@ class XmlContent:
 
 
 def read_xml(path: Path, limit_bytes: int = MAX_BYTES) -> XmlContent:
-    """Raises FileError, and nothing else, for whatever may be wrong with the file."""
+    """Read an XML file. Raises FileError, and nothing else."""
     return parse_xml(read_limited(path, limit_bytes), str(path))
 
 
 def parse_xml(content: bytes | str, file: str) -> XmlContent:
-    """As `read_xml`, from memory; `file` is for messages."""
+    """Like `read_xml`, from memory; `file` is used in messages."""
     try:
         return _Reader(file).read(content)
     except FileError:
@@ -68,7 +67,7 @@ def parse_xml(content: bytes | str, file: str) -> XmlContent:
 
 
 def _decoded(content: bytes) -> str | None:
-    """The text of a file by its byte order mark or declaration; None if it cannot be read."""
+    """Decode a file by its byte order mark or declaration; None if it cannot be decoded."""
     marked = (name for mark, name in _BYTE_ORDER_MARKS.items() if content.startswith(mark))
     declared = _DECLARED.match(content)
     encoding = next(marked, declared[1].decode() if declared else "utf-8")
@@ -109,7 +108,7 @@ class _Reader:
         except (ValueError, LookupError) as error:
             raise self.error(f"not a text file in UTF-8: {error}") from None
         finally:
-            # The handlers are bound methods: without this the parser would keep itself alive.
+            # The handlers are bound methods of this reader: break the reference cycle.
             del self.parser
         return self.found
 

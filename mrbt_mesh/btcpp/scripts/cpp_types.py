@@ -1,7 +1,7 @@
-"""Names of C++ types: those in models come from compilers, editors and hands.
+"""Names of C++ types. Models contain names written by compilers, by editors and by hand.
 
-`std::string`, `string` and `std::__cxx11::basic_string<char, ...>` are one type, and so are a ROS
-message as C++ names it (`nav_msgs::msg::Path_<std::allocator<void> >`) and as ROS does
+`std::string`, `string` and `std::__cxx11::basic_string<char, ...>` are the same type. So are the
+C++ name of a ROS message (`nav_msgs::msg::Path_<std::allocator<void> >`) and its ROS name
 (`nav_msgs/Path`).
 """
 
@@ -15,7 +15,7 @@ from mrbt_mesh.btcpp.scripts.values import ANY_TYPE
 _MESSAGE_ALLOCATOR = re.compile(r"_<std::allocator<void> ?>")
 _ALLOCATOR = re.compile(r", ?std::allocator<(?:[^<>]|<[^<>]*>)*>")
 _LIST = re.compile(r"(?:vector|deque|list)<(.+)>")
-# The name that is used here for each type that is known, by what remains of its other names.
+# The canonical name of each known type, by its other names after normalisation.
 _NAMES = {
     **dict.fromkeys(("int", "int32_t", "int32", "signed int", "integer"), "int"),
     **dict.fromkeys(("unsigned int", "unsigned", "uint32_t", "uint32"), "unsigned int"),
@@ -47,7 +47,7 @@ _NAMES = {
 
 @lru_cache(maxsize=1024)
 def canonical_type(name: str) -> str:
-    """One name for a type, however a model writes it; "" for one that allows anything."""
+    """Return the canonical name of a type; "" for a type that allows anything."""
     text = _MESSAGE_ALLOCATOR.sub("", name.replace("__cxx11::", ""))
     text = re.sub(r" ?([<>,]) ?", r"\1", _ALLOCATOR.sub("", " ".join(text.split())))
     text = re.sub(r"\b(?:std|BT|msg)::", "", text.replace("/", "::"))
@@ -57,5 +57,5 @@ def canonical_type(name: str) -> str:
 
 
 def is_one_type(name: str, other: str) -> bool:
-    """Whether two canonical names may mean one type: one of them may lack the namespace."""
+    """Return whether two canonical names may mean the same type; one may lack the namespace."""
     return name == other or name.endswith(f"::{other}") or other.endswith(f"::{name}")

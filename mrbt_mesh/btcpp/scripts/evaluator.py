@@ -1,7 +1,7 @@
 """Evaluate BehaviorTree.CPP's scripts over the entries of a blackboard.
 
-Values are those of C++: an `int` is an int64_t, a `float` a double, `None` an entry that was
-declared and never written. `values` converts between them.
+Values stand for C++ values: an `int` is an int64_t, a `float` a double, and `None` an entry that
+was declared but never written. `values` converts between them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from mrbt_mesh.btcpp.scripts.values import (
 
 Value: TypeAlias = int | float | str
 
-# BehaviorTree.CPP takes numbers that are this close for equal: C++'s float epsilon.
+# BehaviorTree.CPP treats numbers this close as equal: C++'s float epsilon.
 EPSILON = 2.0**-23
 
 _ARITHMETIC: Mapping[str, Callable[[float, float], float]] = {
@@ -57,7 +57,7 @@ _BITWISE: Mapping[str, Callable[[int, int], int]] = {
     "^": operator.xor,
 }
 _ORDER: Mapping[str, Callable[[Any, Any], bool]] = {
-    # Written as BehaviorTree.CPP does: what is no number is in every order.
+    # Negated as in BehaviorTree.CPP: every comparison with NaN is true.
     "<": lambda left, right: not left >= right,
     ">": lambda left, right: not left <= right,
     "<=": lambda left, right: not left > right,
@@ -70,27 +70,27 @@ class Entries(Protocol):
 
     def __contains__(self, name: str) -> bool: ...
     def read(self, name: str) -> Any:
-        """The value of an entry that exists; None if it was never written."""
+        """Return the value of an existing entry; None if it was never written."""
         ...
 
     def type_of(self, name: str) -> str:
-        """The entry's C++ type, empty if it has none."""
+        """Return the entry's C++ type, empty if it has none."""
         ...
 
     def write(self, name: str, value: Any) -> None:
-        """Set an entry, or create it."""
+        """Set an entry; create it if needed."""
         ...
 
     def declare(self, name: str) -> object:
-        """Make an entry of any type, unless there is one."""
+        """Create an untyped entry, unless it exists."""
         ...
 
 
 def run_script(script: Script, entries: Entries, enums: Mapping[str, int]) -> Any:
     """Run a script and return its last value; truth values are 1.0 and 0.0.
 
-    Raises ScriptError, also for what BehaviorTree.CPP refuses at run time: missing entries, wrong
-    types.
+    Raises ScriptError, also for errors that BehaviorTree.CPP reports at run time: missing entries
+    and wrong types.
     """
     run = _Run(entries, enums)
     value: Any = None
@@ -103,7 +103,10 @@ def run_script(script: Script, entries: Entries, enums: Mapping[str, int]) -> An
 
 
 def is_true(value: Any) -> bool:
-    """Whether a condition with this value holds: 1, or a real number that is not 0."""
+    """Return whether a condition with this value holds: 1, or a positive real number.
+
+    Raises ScriptError for a text, a negative real number, and an integer other than 0 and 1.
+    """
     try:
         return as_truth(value)
     except ValueTypeError as error:
@@ -178,7 +181,7 @@ class _Run:
             if symbol in LOGICAL:
                 both = as_truth(left), as_truth(right)
                 return float(all(both) if symbol == "&&" else any(both))
-            return None  # BehaviorTree.CPP: numbers that are joined are nothing
+            return None  # As in BehaviorTree.CPP: joining two numbers has no value.
         texts = isinstance(left, str) + isinstance(right, str)
         numbers = _is_number(left) + _is_number(right)
         if (symbol == "+" and texts == 2) or (symbol == ".." and texts + numbers == 2):
@@ -204,7 +207,7 @@ class _Run:
         return _ORDER[symbol](first, second)
 
     def number(self, value: Any) -> float:
-        """A text next to a number is true, false, an enum's name or a number."""
+        """Convert a value to a number. A text is true, false, an enum's name or a number."""
         if value in ("true", "false"):
             return float(value == "true")
         if isinstance(value, str) and value in self.enums:
@@ -229,7 +232,7 @@ class _Run:
         return after
 
     def replaced(self, name: str, before: Any, value: Any) -> Any:
-        """What an entry holds after `=`: its type stays."""
+        """Return the value of an entry after `=` or `:=`; the entry keeps its type."""
         entry_type = self.entries.type_of(name)
         if before is None and not entry_type:
             return value
@@ -242,7 +245,7 @@ class _Run:
         return copied_into(before, value)
 
     def changed(self, name: str, before: Any, symbol: str, value: Any) -> Any:
-        """The value of x after `x += value`, `-=`, `*=` or `/=`."""
+        """Return the value of x after `x += value`, `-=`, `*=` or `/=`."""
         if before is None:
             raise ScriptError(f"the entry {name!r} has no value")
         if _is_number(value):

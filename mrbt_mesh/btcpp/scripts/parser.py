@@ -1,4 +1,4 @@
-"""Parse BehaviorTree.CPP's scripts: a lexer, and precedence climbing."""
+"""Parses BehaviorTree.CPP's scripts: a lexer and a precedence-climbing parser."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MAX_INTEGER = 2**63 - 1
 _HEX = re.compile(r"0[xX][0-9a-fA-F]+", re.ASCII)
 _REAL = re.compile(r"[0-9]+(\.[0-9]+([eE][+-]?[0-9]+)?|[eE][+-]?[0-9]+)", re.ASCII)
 _INTEGER = re.compile(r"[0-9]+", re.ASCII)
-# Longer ones first.
+# Longer operators first.
 _OPERATORS = re.compile(r":=|[-+*/]=|[=!<>]=|&&|\|\||\.\.|[-=<>+*/&|^~!?:;()]")
 
 
@@ -51,17 +51,17 @@ class _Token:
 
 
 def parse(text: str) -> Script:
-    """The script in `text`. Raises ScriptError with the column of what is wrong."""
+    """Parse a script. Raises ScriptError with the column of the error."""
     if len(text) > MAX_CHARACTERS:
         raise ScriptError(f"a script of more than {MAX_CHARACTERS} characters")
     return _Parser(_tokens(text)).script()
 
 
 def dialect_problem(text: str) -> str:
-    """What of a script that can be read BehaviorTree.CPP refuses, and why; else "".
+    """Return why BehaviorTree.CPP refuses a script that this parser reads; "" if it does not.
 
-    It takes texts in single quotes, names of ASCII, and no white space of other kinds. Raises
-    ScriptError.
+    BehaviorTree.CPP accepts only texts in single quotes, ASCII names, and neither form feeds,
+    vertical tabs nor backslashes between tokens. Raises ScriptError.
     """
     between = text
     for token in _tokens(text):
@@ -78,7 +78,7 @@ def dialect_problem(text: str) -> str:
 
 
 def single_quoted(text: str) -> str:
-    """The script with its texts in single quotes, where that is possible. Raises ScriptError."""
+    """Return the script with texts in single quotes where possible. Raises ScriptError."""
     kept = text
     for token in reversed(_tokens(text)):
         if token.kind == "text" and token.text[0] == '"' and "'" not in token.text:
@@ -135,7 +135,7 @@ def _number(text: str, start: int) -> _Token:
     else:
         match = _INTEGER.match(text, start)
         assert match is not None
-        # Python refuses to convert thousands of digits.
+        # Python refuses to convert a number of thousands of digits.
         value = int(match[0]) if len(match[0]) < 30 else MAX_INTEGER + 1
     after = text[match.end() : match.end() + 1]
     joins = text.startswith("..", match.end()) and match.re is not _HEX
@@ -186,16 +186,16 @@ class _Parser:
         return Script(tuple(statements))
 
     def skip_semicolons(self) -> None:
-        """None or any number may stand after a statement."""
+        """Skip any number of semicolons after a statement."""
         while self.accept(";"):
             pass
 
     def expression(self) -> Expression:
-        """An assignment, or anything that binds tighter."""
+        """Parse an assignment, or an expression that binds tighter."""
         self.nest(self.next)
         left = self.binary(LEVELS["||"])
         if self.accept("?"):
-            # No assignment can follow it, not even one that fails.
+            # No assignment can follow a conditional, not even an impossible one.
             left = self.conditional(left)
         elif operator := self.accept(*ASSIGNMENTS):
             self.count(operator)
@@ -208,7 +208,7 @@ class _Parser:
         return left
 
     def conditional(self, condition: Expression) -> Expression:
-        """What follows `condition ?`."""
+        """Parse the rest of a conditional after `condition ?`."""
         self.nest(self.next)
         then = self.expression()
         self.expect(":", "between the two values of '?'")
@@ -219,7 +219,7 @@ class _Parser:
         return Conditional(condition, then, otherwise)
 
     def binary(self, lowest: int) -> Expression:
-        """Operators that bind at least as tightly as `lowest`, from left to right."""
+        """Parse operators that bind at least as tightly as `lowest`, from left to right."""
         left = self.prefix()
         while self.next.kind == "operator" and LEVELS.get(self.next.text, 0) >= lowest:
             operator = self.take()
@@ -232,7 +232,7 @@ class _Parser:
         return left
 
     def comparison(self, first: _Token, left: Expression, right: Expression) -> Expression:
-        """Further comparisons belong to the same chain."""
+        """Parse further comparisons as part of the same chain."""
         operators, operands = [first.text], [left, right]
         while operator := self.accept(*COMPARISONS):
             self.count(operator)
@@ -254,7 +254,7 @@ class _Parser:
             raise ScriptError(f"nested deeper than {MAX_NESTING} levels", token.column)
 
     def count(self, operator: _Token) -> None:
-        """Operators from left to right nest as well, to the left."""
+        """Count an operator: chains of operators also nest, to the left. Raises ScriptError."""
         self.operators += 1
         if self.operators > MAX_OPERATORS:
             message = f"more than {MAX_OPERATORS} operators in one statement"

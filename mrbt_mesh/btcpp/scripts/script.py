@@ -1,7 +1,7 @@
-"""BehaviorTree.CPP's scripting language: what a script is, and how it is printed.
+"""BehaviorTree.CPP's scripting language: the syntax tree of a script, and how it is printed.
 
-`parser.parse` makes it, `evaluator.run_script` runs it. Source: the reference of the
-language in BehaviorTree.CPP's documentation, and its grammar where that is silent.
+`parser.parse` makes a script, `evaluator.run_script` runs it. Source: the language reference in
+BehaviorTree.CPP's documentation, and its grammar where the documentation says nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 
 class ScriptError(ValueError):
-    """A script that is no script, or that cannot be evaluated; `column` counts from 1."""
+    """A script cannot be parsed or evaluated. `column` counts from 1; 0 if unknown."""
 
     def __init__(self, message: str, column: int = 0) -> None:
         super().__init__(f"{message} (column {column})" if column else message)
@@ -57,7 +57,7 @@ class Unary:
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """Arithmetic, bits, `..`, `&&` and `||`; both sides are always evaluated."""
+    """Arithmetic and bitwise operators, `..`, `&&` and `||`; both sides are always evaluated."""
 
     operator: str
     left: Expression
@@ -66,7 +66,7 @@ class Binary:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """`a < b <= c`: every neighbouring pair has to hold; one operand more than operators."""
+    """`a < b <= c`: every adjacent pair must hold. There is one more operand than operators."""
 
     operators: tuple[str, ...]
     operands: tuple[Expression, ...]
@@ -83,7 +83,7 @@ class Conditional:
 
 @dataclass(frozen=True, slots=True)
 class Assign:
-    """`name := value` creates the entry; all other operators need it to exist."""
+    """An assignment. `name := value` creates the entry; other operators need it to exist."""
 
     operator: str
     name: str
@@ -92,7 +92,7 @@ class Assign:
 
 @dataclass(frozen=True, slots=True)
 class Impossible:
-    """An assignment to something that is no entry: it can be read, and fails when it is run."""
+    """An assignment to something that is not an entry: it can be parsed, but fails when run."""
 
     left: Expression
     operator: str
@@ -116,7 +116,7 @@ ASSIGNMENTS = frozenset({":=", "=", "+=", "-=", "*=", "/="})
 COMPARISONS = frozenset({"==", "!=", "<", "<=", ">", ">="})
 LOGICAL = frozenset({"&&", "||"})
 BITS = frozenset({"&", "|", "^"})
-# How tightly operators bind; unlike in C, `|` and `^` bind alike, and all comparisons do.
+# Precedence of operators. Unlike in C, `|` and `^` have the same one, and so have all comparisons.
 LEVELS = {
     **dict.fromkeys(ASSIGNMENTS, 1),
     "?": 2,
@@ -137,7 +137,7 @@ PREFIX_LEVEL, ATOM_LEVEL = 10, 11
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """Statements, of which there is at least one; the last one's value is the script's."""
+    """One or more statements; the value of the script is that of the last one."""
 
     statements: tuple[Expression, ...]
 
@@ -145,7 +145,7 @@ class Script:
         return "; ".join(_print(statement) for statement in self.statements)
 
     def expressions(self) -> Iterator[Expression]:
-        """Every expression in it, outer ones first."""
+        """Yield every expression of the script, outer ones first."""
         waiting = list(reversed(self.statements))
         while waiting:
             expression = waiting.pop()
@@ -154,12 +154,12 @@ class Script:
 
     @property
     def written(self) -> frozenset[str]:
-        """The names that it assigns to: a script without any has no side effect."""
+        """The names that the script assigns to. A script without any has no side effect."""
         return frozenset(e.name for e in self.expressions() if isinstance(e, Assign))
 
     @property
     def read(self) -> frozenset[str]:
-        """The names whose values it uses; `x += 1` uses x."""
+        """The names whose values the script uses; `x += 1` uses x."""
         names = {e.name for e in self.expressions() if isinstance(e, Name)}
         changed = {
             e.name
@@ -170,7 +170,7 @@ class Script:
 
 
 def renamed(script: Script, rename: Callable[[str], str]) -> Script:
-    """The script with every name, read or written, replaced by `rename(name)`."""
+    """Return the script with every name, read or written, replaced by `rename(name)`."""
     return Script(tuple(_renamed(statement, rename) for statement in script.statements))
 
 
@@ -198,7 +198,7 @@ def _parts(expression: Expression) -> list[Expression]:
 
 
 def level(expression: Expression) -> int:
-    """How tightly the outermost operator of `expression` binds."""
+    """Return the precedence of the outermost operator of `expression`."""
     if isinstance(expression, Binary | Assign | Impossible):
         return LEVELS[expression.operator]
     if isinstance(expression, Comparison):

@@ -1,7 +1,7 @@
-"""Values of a blackboard and how BehaviorTree.CPP makes one type of another.
+"""Values of a blackboard, and how BehaviorTree.CPP converts between their types.
 
-Integers are of 64 bits, real numbers are doubles, texts are texts; a boolean is stored as 0 or 1.
-Anything else is kept as it is. Source: BehaviorTree.CPP's `Any` and `convertFromString`.
+Integers have 64 bits, real numbers are doubles, and a boolean is stored as 0 or 1. Other values are
+kept unchanged. Source: BehaviorTree.CPP's `Any` and `convertFromString`.
 """
 
 from __future__ import annotations
@@ -12,29 +12,29 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-# C++ names of Python's types; of others nothing is known.
+# The C++ names of Python types; other types have none.
 CPP_TYPES: Mapping[type, str] = {
     int: "int64_t",
     float: "double",
     bool: "bool",
     str: "std::string",
 }
-# The C++ type of an entry that may be anything, to which the library cannot convert a text.
+# The C++ type of an entry that may hold anything. BehaviorTree.CPP cannot convert a text to it.
 ANY_TYPE = "BT::Any"
 INT64 = range(-(2**63), 2**63)
-# The largest integer below which a double holds every one.
+# The largest integer up to which a double holds every integer exactly.
 EXACT = 2**53 - 1
 
 _LEADING_NUMBER = re.compile(
     r"-?(inf|nan|([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?)", re.ASCII | re.IGNORECASE
 )
 _INTEGER = re.compile(r"[+-]?[0-9]+\s*", re.ASCII)
-# What C++ reads as a real number, where that is the whole text.
+# A whole text that C++ reads as a real number.
 _REAL = re.compile(
     r"-?(inf|infinity|nan|([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?)", re.ASCII | re.IGNORECASE
 )
 
-# Names of C++ types, by what they are here.
+# The ranges of C++ integer types, by their names.
 _RANGES = {
     "int": range(-(2**31), 2**31),
     "int32_t": range(-(2**31), 2**31),
@@ -58,11 +58,11 @@ _LISTS = re.compile(r"std::(?:vector|deque)<(.+?)(?:,.*)?>|list<(.+)>", re.ASCII
 
 
 class ValueTypeError(ValueError):
-    """A value that cannot be taken for one of the type that is needed."""
+    """A value cannot be converted to the type that is needed."""
 
 
 def type_of_value(value: Any) -> str:
-    """The C++ type of what a program writes; "" for what has none here."""
+    """Return the C++ type of a value that a program writes; "" if it has none."""
     if isinstance(value, bool):
         return "bool"
     if isinstance(value, int):
@@ -71,16 +71,16 @@ def type_of_value(value: Any) -> str:
 
 
 def read_boolean(text: str) -> bool | None:
-    """A boolean as BehaviorTree.CPP reads it, None for anything else."""
+    """Read a boolean as BehaviorTree.CPP does; None for any other text."""
     if text in ("1", "true", "TRUE", "True"):
         return True
     return False if text in ("0", "false", "FALSE", "False") else None
 
 
 def read_real(text: str) -> float | None:
-    """The real number that the whole text is to C++'s `from_chars`; None for anything else.
+    """Read a whole text as a real number like C++'s `from_chars`; None for any other text.
 
-    Not Python's: no `+`, no `_`, no digits of other scripts, nothing that a double cannot hold.
+    Unlike in Python: no `+`, no `_`, ASCII digits only, and no number out of a double's range.
     """
     if _REAL.fullmatch(text) is None:
         return None
@@ -91,13 +91,13 @@ def read_real(text: str) -> float | None:
 
 
 def leading_real(text: str) -> float | None:
-    """The real number with which a text begins, as the library reads a port; None if with none."""
+    """Return the real number at the start of a text, as BehaviorTree.CPP reads a port, or None."""
     match = _LEADING_NUMBER.match(text)
     return None if match is None else read_real(match[0])
 
 
 def as_number(value: Any) -> float:
-    """As a double."""
+    """Convert a value to a double. Raises ValueTypeError."""
     if isinstance(value, float):
         return value
     if isinstance(value, int):
@@ -113,7 +113,7 @@ def as_number(value: Any) -> float:
 
 
 def as_integer(value: Any) -> int:
-    """As an integer of 64 bits."""
+    """Convert a value to a 64-bit integer. Raises ValueTypeError."""
     if isinstance(value, int):
         return int(value)
     if isinstance(value, float):
@@ -126,7 +126,7 @@ def as_integer(value: Any) -> int:
 
 
 def as_integer_of(value: Any, type_name: str) -> int:
-    """As an integer of this C++ type: nothing is cut off, nothing out of its range."""
+    """Convert a value to this C++ integer type. Raises ValueTypeError if it is out of range."""
     number = as_integer(value)
     if number not in _RANGES[type_name]:
         raise ValueTypeError(f"{number} is out of the range of {type_name}")
@@ -134,12 +134,15 @@ def as_integer_of(value: Any, type_name: str) -> int:
 
 
 def is_in_range(number: int, type_name: str) -> bool:
-    """Whether an integer of this C++ type can have this value."""
+    """Return whether `number` is in the range of this C++ integer type."""
     return number in _RANGES[type_name]
 
 
 def as_truth(value: Any) -> bool:
-    """As a boolean: an integer has to be 0 or 1, a real number must not be negative."""
+    """Convert a value to a boolean: an integer 0 or 1, or a real number that is not negative.
+
+    Raises ValueTypeError for any other value.
+    """
     if isinstance(value, float) and not value < 0:
         return value != 0
     if isinstance(value, int) and value in (0, 1):
@@ -151,7 +154,10 @@ def as_truth(value: Any) -> bool:
 
 
 def as_text(value: Any) -> str:
-    """As C++'s std::to_string writes it: 6 decimals for a number that is no integer."""
+    """Convert a value to a text like C++'s std::to_string: 6 decimals for a real number.
+
+    Raises ValueTypeError for a value that is neither a number nor a text.
+    """
     if isinstance(value, str):
         return value
     if isinstance(value, float):
@@ -162,7 +168,7 @@ def as_text(value: Any) -> str:
 
 
 def copied_into(before: Any, value: Any) -> Any:
-    """`value` in the place of `before`, whose type it takes."""
+    """Convert `value` to the type of `before`, which it replaces. Raises ValueTypeError."""
     if before is None or type(before) is type(value):
         return value
     if isinstance(before, int) and isinstance(value, int | float):
@@ -173,9 +179,10 @@ def copied_into(before: Any, value: Any) -> Any:
 
 
 def as_type(value: Any, type_name: str) -> Any:
-    """A value that is no text as one of this C++ type; as it is for types that are no numbers.
+    """Convert a value other than a text to this C++ type; only numeric types convert.
 
-    Items of a list are converted, too; numbers of other libraries are what Python takes them for.
+    Items of a list are converted, too. Numbers of other libraries, such as numpy's, become Python
+    numbers first. Raises ValueTypeError.
     """
     if not _is_numeric(type_name):
         return _as_list(value, type_name) if isinstance(value, list) else value
@@ -187,13 +194,13 @@ def as_type(value: Any, type_name: str) -> Any:
 
 
 def list_item(type_name: str) -> str | None:
-    """The type of a list's items; None for types that are no lists."""
+    """Return the item type of a list type; None for other types."""
     match = _LISTS.fullmatch(type_name)
     return None if match is None else match[1] or match[2]
 
 
 def _as_list(values: list[Any], type_name: str) -> list[Any]:
-    """The same list if there is nothing to convert."""
+    """Convert the items of a list; returns the same list if there is nothing to convert."""
     item = list_item(type_name) or ""
     if not _is_numeric(item):
         return values
@@ -207,7 +214,7 @@ def _is_numeric(type_name: str) -> bool:
 
 
 def _plain_number(value: Any, type_name: str) -> int | float:
-    """A number that is none of Python's own, like numpy's."""
+    """Convert a number of another library, such as numpy's, to a Python number."""
     for method, number in (("__index__", int), ("__float__", float), ("__bool__", bool)):
         is_wanted = method != "__bool__" or type_name == "bool"
         if is_wanted and hasattr(value, method):
@@ -219,7 +226,7 @@ def _plain_number(value: Any, type_name: str) -> int | float:
 
 
 def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None) -> Any:
-    """What a text means where a value of this C++ type is needed; a text for types unknown here.
+    """Read a text as a value of this C++ type; for unknown types it stays a text.
 
     Raises ValueTypeError.
     """
@@ -246,7 +253,7 @@ def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None)
 
 
 def split_items(text: str) -> list[str]:
-    """The items of a list, as BehaviorTree.CPP splits it: a last `;` ends the list."""
+    """Split a list at `;` like BehaviorTree.CPP; a trailing `;` adds no empty item."""
     items = text.split(";")
     return items if items[-1] else items[:-1]
 

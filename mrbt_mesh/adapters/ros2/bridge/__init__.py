@@ -1,5 +1,5 @@
-"""The program beside a robot that talks ROS 2; it runs under the Python that has rclpy.
+"""The bridge: a program beside a robot that speaks ROS 2, run by the Python that has rclpy.
 
-It knows nothing of teams, and imports nothing of mrbt_mesh: commands come on its standard input,
-and reports go to its standard output, in msgpack.
+It knows nothing about teams, and imports nothing from mrbt_mesh: it reads commands from standard
+input and writes reports to standard output, both in msgpack.
 """

@@ -1,4 +1,4 @@
-"""`python FOLDER`: the bridge as a package of its own, without mrbt_mesh."""
+"""Runs the bridge with `python FOLDER`, as a package of its own without mrbt_mesh."""
 
 import importlib
 import importlib.util

@@ -1,7 +1,7 @@
 """Passes the robot's commands to the keepers of its servers, and their reports to the robot.
 
-The robot sends several messages within the detection time. If none comes, it has stopped or is cut
-off, its team gives its work to others, and so its goals are cancelled.
+The robot sends several messages within the detection time. If none arrives, the robot has stopped
+or is disconnected; its team then assigns its work to other robots, so its goals are cancelled.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .server import NOT_FOUND, RunEnded, RunWaits, ServerEffect, ServerTold, Ser
 from .values import UnfitError
 from .watch import LifeWatch
 
-# The time in which the goals of a robot that has ended have to stop.
+# The time allowed for goals to stop after their robot has ended.
 STOP_S = 3.0
 
 LIFECYCLE = "lifecycle"
@@ -37,7 +37,7 @@ class RosEnd(Protocol):
 
 
 class Ros(Protocol):
-    """What the bridge needs of ROS."""
+    """The interface to ROS that the bridge needs."""
 
     def serve(
         self,
@@ -49,18 +49,18 @@ class Ros(Protocol):
 
 
 class Bridge:
-    """One robot's bindings while it lives. `clock`: seconds that never go back."""
+    """Serves the bindings of one robot. `clock` returns monotonic seconds."""
 
     def __init__(self, bind: dict[str, Any], tell: Tell, clock: Callable[[], float]) -> None:
         self._bind, self._tell, self._clock = bind, tell, clock
         self._robot = LifeWatch(bind["detection_s"], clock())
         self._robot.heard(clock())
-        # By the server: the tasks of one action share it. And the server of each task.
+        # Keepers by server; tasks of the same action share one.
         self._keepers: dict[str, ServerWatch] = {}
-        # What the keepers have said last, and what the robot has been told of each task.
+        # The last state of each server, and the state of each task last sent to the robot.
         self._states: dict[str, ServerTold] = {}
         self._task_states: dict[str, ServerTold] = {}
-        # Of tasks that need an active lifecycle node, its name.
+        # The lifecycle nodes that must be active, by task.
         self._nodes: dict[str, str] = {}
         self._ends: dict[str, RosEnd] = {}
         self._tasks: dict[str, list[str]] = {}
@@ -72,7 +72,7 @@ class Bridge:
         self._ended_s: float | None = None
 
     def connect(self, ros: Ros) -> None:
-        """Make the clients. Raises UnfitError for a name that ROS refuses."""
+        """Create the clients. Raises rclpy's error for a name that ROS refuses."""
         self._nodes = {t["id"]: t["lifecycle"] for t in self._bind["tasks"] if t["lifecycle"]}
         for name, task in _servers(self._bind["tasks"]).items():
             self._tasks[name] = task["ids"]
@@ -105,20 +105,20 @@ class Bridge:
             self._tell({"op": "beat"})
 
     def robot_gone(self) -> None:
-        """The pipe has ended: all that runs is cancelled."""
+        """Cancel all runs, because the pipe to the robot has ended."""
         self._ended_s = self._clock()
         self._cancel_all()
 
     @property
     def is_over(self) -> bool:
-        """Whether the robot has ended and nothing of it is left, or the time for that is over."""
+        """True if the robot has ended and its runs have stopped, or their time is over."""
         if self._ended_s is None:
             return False
         clear = all(keeper.is_clear for keeper in self._keepers.values())
         return clear or self._clock() - self._ended_s >= STOP_S
 
     def tick(self) -> None:
-        """Time has passed; call `command` before with the commands that have come."""
+        """Advance the time. Call `command` with all commands received so far first."""
         was_there = self._robot.is_there
         self._robot.tick(self._clock())
         if was_there and not self._robot.is_there:
@@ -159,7 +159,7 @@ class Bridge:
         return heard
 
     def _apply(self, name: str, step: Step) -> None:
-        """Let a keeper take one step, and carry out what follows."""
+        """Let a keeper take one step, and carry out the resulting effects."""
         keeper = self._keepers[name]
         for effect in step(keeper, self._clock()):
             if isinstance(effect, RunEnded):
@@ -177,7 +177,7 @@ class Bridge:
                     self._apply(name, _refusing(getattr(effect, "run", -1), str(problem)))
 
     def _tell_state(self, task: str) -> None:
-        """Tell whether a task can be carried out: its server can, and its node is active."""
+        """Report whether a task can run: its server is up, and its lifecycle node active."""
         state, node = self._states.get(self._server_of[task]), self._nodes.get(task)
         if state is None:
             return
@@ -202,8 +202,10 @@ class Bridge:
 
 
 def _servers(tasks: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """The tasks by their servers: those of one action as one, which reads all their fields. The
-    lifecycle nodes are servers as well.
+    """Group tasks by their servers.
+
+    Tasks of the same action become one, which reads all their fields. Lifecycle nodes are servers
+    as well.
     """
     found: dict[str, dict[str, Any]] = {}
     for task in tasks:

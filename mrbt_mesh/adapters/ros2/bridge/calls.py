@@ -1,6 +1,6 @@
-"""The calls of one service, or the messages for one topic. They cannot be cancelled in ROS 2.
+"""The calls of one service, or the messages of one topic, which ROS 2 cannot cancel.
 
-An answer may be lost, and a call must not be made twice: after a while that is said.
+An answer may be lost, but a call must not be repeated: after a while a missing answer is reported.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from typing import Any
 
 from .server import ABSENT_S, RunEnded, RunWaits, SendCall, ServerEffect, ServerKeeper
 
-# After this long without an answer, the robot's log says so, once.
+# After this time without an answer, the robot logs it once.
 WAITS_S = 10.0
 
 
 class CallKeeper(ServerKeeper):
-    """One service's calls, one at a time. A published message is a call that ends at once."""
+    """Makes one service's calls, one at a time. A published message is a call that ends at once."""
 
     def __init__(self, detection_s: float, now_s: float) -> None:
         super().__init__(detection_s, now_s)
@@ -22,36 +22,36 @@ class CallKeeper(ServerKeeper):
         self._body: Any = None
         self._is_sent = False
         self._since_s = now_s
-        # When the call was made; None: that it waits has been told.
+        # When the call was made; None once the wait was reported.
         self._sent_s: float | None = None
 
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
-        """A new call."""
+        """Start a new call; an unfinished one is cancelled."""
         effects = self.cancel(self._run, now_s) if self._run is not None else []
         self._run, self._body, self._is_sent, self._since_s = run, body, False, now_s
         return effects + self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """The answer is no longer needed."""
+        """Cancel a call, whose answer is no longer needed."""
         return self._end(run, "cancelled", "", {})
 
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
-        """The request does not fit the server's type."""
+        """End a run whose request does not fit the server's type."""
         return self._end(run, "unfit", text, {})
 
     def answered(
         self, run: int, text: str, fields: dict[str, Any], now_s: float
     ) -> list[ServerEffect]:
-        """The service has answered."""
+        """End a run because the service has answered."""
         return self.heard(now_s) + self._end(run, "succeeded", text, fields)
 
     def published(self, run: int) -> list[ServerEffect]:
-        """The message is published; whether it was received is not known."""
+        """End a run because its message was published; whether it was received is unknown."""
         return self._end(run, "succeeded", "", {})
 
     @property
     def is_clear(self) -> bool:
-        """Whether no answer is awaited."""
+        """True if no answer is awaited."""
         return self._run is None
 
     def _came_back(self, now_s: float) -> list[ServerEffect]:

@@ -1,4 +1,4 @@
-"""Whether bindings fit the types of ROS, checked before a robot begins."""
+"""Checks that bindings fit the ROS types, before a robot starts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from .values import UnfitError, check_field, fill, find_type
 
-# Of each kind of task: the parts of its type for request, result and feedback.
+# For each kind of task: the parts of its type for request, result and feedback.
 PARTS = {
     "action": ("Goal", "Result", "Feedback"),
     "srv": ("Request", "Response", None),
@@ -15,7 +15,7 @@ PARTS = {
 
 
 def problems_of(bind: dict[str, Any]) -> list[dict[str, Any]]:
-    """What does not fit: `place` in the robot's file, and `text`."""
+    """Return the problems of the bindings, each with `place` in the robot's file and `text`."""
     found: list[dict[str, Any]] = []
     for task in bind["tasks"]:
         _check_task(task, found)
@@ -36,7 +36,7 @@ def _check_task(task: dict[str, Any], found: list[dict[str, Any]]) -> None:
         try:
             fill(getattr(kind, body)() if body else kind(), each["body"], has_open=True)
         except UnfitError as problem:
-            # An error in the text is one with every value that is filled in.
+            # An error in the written message occurs again with every value: report it once.
             if str(problem) in texts:
                 continue
             texts.add(str(problem))

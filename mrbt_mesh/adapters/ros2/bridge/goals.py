@@ -1,9 +1,9 @@
-"""The goals of one action server: the present one, and those that may be left at it.
+"""The goals of one action server: the present goal, and stale ones that it may still have.
 
-Values in, values out; rclpy is in `ros.py`. A server has one goal of this robot at a time, of
-whichever local task: the next one waits, and a goal that is no longer needed is cancelled before
-anything else begins. The robot names its goals, so those of an earlier bridge can be cancelled as
-well. A middleware may lose any answer, so whatever is not answered is asked again.
+This module is pure logic; `ros.py` calls rclpy. A server has one goal of this robot at a time, of
+any local task: the next one waits, and a goal that is no longer needed is cancelled before another
+starts. The robot chooses the IDs of its goals, so those of an earlier bridge can be cancelled as
+well. The middleware may lose any answer, so unanswered requests are repeated.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from .server import (
 UNKNOWN, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6
 # action_msgs/srv/CancelGoal
 UNKNOWN_GOAL, TERMINATED = 2, 3
-# The period of sending a cancellation again.
+# The period for repeating a cancellation.
 AGAIN_S = 1.0
-# After this time, and then after twice the time each, a goal without an answer is asked for.
+# The result of a goal is requested after ASK_S without an answer, then at doubling intervals.
 ASK_S, MAX_ASK_S = 5.0, 60.0
-# A goal that the server neither takes nor knows for this long is lost; it may have to think first.
+# A goal that the server neither accepts nor knows for this long is lost; accepting may take time.
 ACCEPT_S = 30.0
-# A server that goes on with a cancelled goal for this long is a fault.
+# A server that continues a cancelled goal for this long is faulty.
 OBEY_S = 10.0
 
 ENDS = {SUCCEEDED: "succeeded", CANCELED: "cancelled", ABORTED: "aborted", UNKNOWN: "lost"}
@@ -45,34 +45,34 @@ class _Goal:
     body: Any
     since_s: float
     is_accepted: bool = False
-    # Whether a server that does not know it may still get it.
+    # True if the goal may still reach a server that does not know it.
     is_under_way: bool = True
-    # None: it has not been sent.
+    # None: not sent yet.
     sent_s: float | None = None
     asked_s: float = 0.0
     pause_s: float = ASK_S
 
     @property
     def is_sent(self) -> bool:
-        """Whether the server may have it."""
+        """True if the goal was sent, so the server may have it."""
         return self.sent_s is not None
 
 
 @dataclass
 class _Stale:
-    """A goal that is no longer needed; `run` is None for one that had been given up as lost."""
+    """A goal that is no longer needed. `run` is None if it had been given up as lost."""
 
     run: int | None
     is_accepted: bool
     since_s: float
-    # When its cancellation was sent last, and when its result was asked for last.
+    # When its cancellation was last sent, and when its result was last requested.
     asked_s: float | None = None
     asked_result_s: float | None = None
     pause_s: float = AGAIN_S
 
 
 class GoalKeeper(ServerKeeper):
-    """One server's goals. Every method returns what is to be done; `now_s` never goes back."""
+    """Manages one server's goals. Methods return effects to carry out; `now_s` is monotonic."""
 
     def __init__(self, detection_s: float, now_s: float) -> None:
         super().__init__(detection_s, now_s)
@@ -83,12 +83,12 @@ class GoalKeeper(ServerKeeper):
     # -- commands ------------------------------------------------------------------------------
 
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
-        """A new goal; it waits for the end of those before."""
+        """Queue a new goal; it waits until earlier goals have ended."""
         self._waiting.append(_Goal(run, goal_id, body, now_s))
         return self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """A run's goal is no longer needed; its end is reported once the server has stopped."""
+        """Cancel a run's goal. Its end is reported once the server has stopped."""
         for waiting in self._waiting:
             if waiting.run == run:
                 self._waiting.remove(waiting)
@@ -103,8 +103,9 @@ class GoalKeeper(ServerKeeper):
         return self._advance(now_s)
 
     def forget(self, run: int, goal_id: bytes, now_s: float) -> list[ServerEffect]:
-        """A run's goal, sent by an earlier bridge of this robot, is no longer needed; its end is
-        reported once the server has stopped.
+        """Cancel a goal that an earlier bridge of this robot sent.
+
+        The end of its run is reported once the server has stopped.
         """
         self._stale[goal_id] = _Stale(run, True, now_s)
         return self._advance(now_s)
@@ -112,19 +113,19 @@ class GoalKeeper(ServerKeeper):
     # -- answers -------------------------------------------------------------------------------
 
     def run_of(self, goal_id: bytes) -> int | None:
-        """The run whose goal this is, if it is the present one."""
+        """Return the run of a goal if it is the present goal, else None."""
         goal = self._goal
         return goal.run if goal is not None and goal.goal_id == goal_id else None
 
     def fed_back(self, goal_id: bytes, now_s: float) -> list[ServerEffect]:
-        """The server works on a goal, so it has taken it."""
+        """Process feedback: the server works on the goal, so it has accepted it."""
         goal = self._goal
         if goal is not None and goal.goal_id == goal_id and not goal.is_accepted:
             return self.answered(goal_id, True, now_s)
         return self.heard(now_s)
 
     def servers(self, found: frozenset[bytes], now_s: float) -> list[ServerEffect]:
-        """The servers of this name that the middleware lists."""
+        """Process the list of servers of this name; a new one may not know the present goal."""
         known = self._servers.keys()
         is_another = bool(known and found - known)
         effects, goal = super().servers(found, now_s), self._goal
@@ -134,7 +135,7 @@ class GoalKeeper(ServerKeeper):
         return effects
 
     def answered(self, goal_id: bytes, accepted: bool, now_s: float) -> list[ServerEffect]:
-        """Whether the server takes a goal."""
+        """Process the server's answer whether it accepts a goal."""
         effects = self.heard(now_s)
         goal, stale = self._goal, self._stale.get(goal_id)
         if goal is not None and goal.goal_id == goal_id:
@@ -145,7 +146,7 @@ class GoalKeeper(ServerKeeper):
             self._goal = None
             effects += [RunEnded(goal.run, "rejected", "", {}), *self._advance(now_s)]
         elif accepted:
-            # One that is no longer needed, or seemed to be lost.
+            # The goal is no longer needed, or was given up as lost.
             stale = self._stale.setdefault(goal_id, _Stale(None, True, now_s))
             stale.is_accepted = True
             return [*effects, AskResult(goal_id), *self._advance(now_s)]
@@ -156,7 +157,7 @@ class GoalKeeper(ServerKeeper):
     def result(
         self, goal_id: bytes, status: int, text: str, fields: dict[str, Any], now_s: float
     ) -> list[ServerEffect]:
-        """How a goal has ended, or that the server does not know it."""
+        """Process the result of a goal, or the answer that the server does not know it."""
         effects = self.heard(now_s)
         goal, stale = self._goal, self._stale.get(goal_id)
         if goal is not None and goal.goal_id == goal_id:
@@ -166,16 +167,16 @@ class GoalKeeper(ServerKeeper):
             ended = RunEnded(goal.run, ENDS.get(status, "lost"), text, fields)
             effects += [ended, *self._advance(now_s)]
         elif stale is not None and (status != UNKNOWN or stale.is_accepted):
-            # It may have succeeded before the cancellation reached it.
+            # The goal may have succeeded before the cancellation reached the server.
             how = ENDS[SUCCEEDED if status == SUCCEEDED else CANCELED]
             effects += self._dropped(goal_id, now_s, how, text, fields)
         return effects
 
     def cancel_answered(self, goal_id: bytes, code: int, now_s: float) -> list[ServerEffect]:
-        """The answer to a cancellation; only its result shows that the goal has stopped.
+        """Process the answer to a cancellation. Only the result shows that the goal has stopped.
 
-        A goal that is being cancelled cannot be cancelled again, so TERMINATED is the answer for it
-        as well.
+        A goal that is being cancelled cannot be cancelled again: the answer then is TERMINATED as
+        well.
         """
         effects = self.heard(now_s)
         stale = self._stale.get(goal_id)
@@ -189,13 +190,13 @@ class GoalKeeper(ServerKeeper):
                     stale.pause_s = min(2 * stale.pause_s, MAX_ASK_S)
                 stale.asked_result_s = now_s
                 effects.append(AskResult(goal_id))
-        # The cancellation may have come before the goal, which is there after AGAIN_S.
+        # The cancellation may have overtaken the goal, which has arrived after AGAIN_S.
         elif code == UNKNOWN_GOAL and (stale.is_accepted or now_s - stale.since_s >= 2 * AGAIN_S):
             effects += self._dropped(goal_id, now_s)
         return effects
 
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
-        """The goal does not fit the server's type."""
+        """End a run whose goal does not fit the server's type."""
         if self._goal is None or self._goal.run != run:
             return []
         self._goal = None
@@ -205,7 +206,7 @@ class GoalKeeper(ServerKeeper):
 
     @property
     def is_clear(self) -> bool:
-        """Whether nothing of ours is at the server, or may be."""
+        """True if the server cannot have any goal of this robot."""
         return self._goal is None and not self._waiting and not self._stale
 
     def _is_overdue(self, goal: _Goal, now_s: float) -> bool:
@@ -216,7 +217,7 @@ class GoalKeeper(ServerKeeper):
         return "does not answer while it works: does it have one thread only?" if is_at_work else ""
 
     def _came_back(self, now_s: float) -> list[ServerEffect]:
-        # Perhaps it is another process, which knows nothing of the goal.
+        # It may be another process, which does not know the goal.
         goal = self._goal
         if goal is None or not goal.is_sent:
             return []
@@ -249,12 +250,12 @@ class GoalKeeper(ServerKeeper):
             self._why_not = "does not stop its cancelled goal"
         elif is_there and not is_one:
             self._why_not = f"is {count} servers that would all take a goal: give them namespaces"
-        # A server that comes back can be used when nothing is left at it.
+        # A server that returns can be used once it has no stale goals.
         is_free = self._last.is_up or not self._stale
         return effects + self._told(is_there and obeys and is_one and is_free)
 
     def _asked(self, goal: _Goal, now_s: float) -> list[ServerEffect]:
-        """Ask for the result again, as often as an answer may have been lost."""
+        """Request the result again if it is time, because an answer may have been lost."""
         if now_s - goal.asked_s < goal.pause_s:
             return []
         goal.asked_s, goal.pause_s = now_s, min(2 * goal.pause_s, MAX_ASK_S)
@@ -268,7 +269,7 @@ class GoalKeeper(ServerKeeper):
         text: str = "",
         fields: dict[str, Any] | None = None,
     ) -> list[ServerEffect]:
-        """A goal that is no longer needed has ended, or its server does not know it."""
+        """Remove a stale goal that has ended, or that its server does not know."""
         stale = self._stale.pop(goal_id)
         ended: list[ServerEffect] = []
         if stale.run is not None:

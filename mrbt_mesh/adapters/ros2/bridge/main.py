@@ -1,6 +1,6 @@
-"""The bridge's process: commands in, reports out, one thread that spins ROS between them.
+"""The bridge's process: reads commands, writes reports, and spins ROS in one thread.
 
-It ends with its standard input, so with the robot's process however that ends.
+It ends when its standard input ends, so it ends with the robot's process in any case.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ CHUNK = 65_536
 
 
 def main(arguments: list[str]) -> int:
-    """`arguments`: the folder of a msgpack package, for a Python that has none."""
+    """Run the bridge. `arguments`: the folder of a msgpack package, for a Python without one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Output of libraries goes to standard error, so that it is not among the messages.
+    # Redirect the output of libraries to standard error: standard output is for messages.
     messages = os.dup(1)
     os.dup2(2, 1)
     pipe = Pipe(_msgpack(arguments[0] if arguments else ""), 0, messages)
@@ -91,13 +91,15 @@ def serve(bind: dict[str, Any], pipe: Pipe) -> int:
     threading.Thread(target=read, daemon=True).start()
     ros.spin_while(lambda: not bridge.is_over)
     pipe.close(0)
-    # Threads of the middleware may take their time; nothing waits for them.
+    # Exit without waiting for threads of the middleware, which may take long.
     os._exit(0)
 
 
 class Pipe:
-    """Messages in and out. A thread of its own writes them: a stopped robot that does not read must
-    not keep this process from cancelling its goals.
+    """Messages in and out.
+
+    A separate thread writes them: a stopped robot that does not read must not keep this process
+    from cancelling its goals.
     """
 
     def __init__(self, msgpack: Any, source: int, target: int) -> None:
@@ -108,7 +110,7 @@ class Pipe:
         self._writer.start()
 
     def read(self) -> dict[str, Any] | None:
-        """The next message; None when there will be none."""
+        """Return the next message; None at the end of the input."""
         while True:
             for message in self._unpacker:
                 found: dict[str, Any] = message
@@ -119,11 +121,11 @@ class Pipe:
             self._unpacker.feed(chunk)
 
     def tell(self, message: dict[str, Any]) -> None:
-        """Send a message; from any thread."""
+        """Queue a message for sending. May be called from any thread."""
         self._outbox.put(message)
 
     def close(self, status: int) -> int:
-        """Wait a little until all is sent; returns `status`."""
+        """Wait up to 1 s until all messages are sent. Returns `status`."""
         self._outbox.put(None)
         self._writer.join(timeout=1)
         return status
@@ -138,7 +140,7 @@ class Pipe:
                 while left:
                     left = left[os.write(self._target, left) :]
             except OSError:
-                # The robot has ended; the other direction shows it, too.
+                # The robot has ended; the reader notices it, too.
                 return
 
 

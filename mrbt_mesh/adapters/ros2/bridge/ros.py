@@ -1,6 +1,6 @@
 """The part that calls rclpy: clients of actions and services, publishers, subscriptions.
 
-All of it happens in the one thread that spins the node. The keepers decide.
+Everything runs in the thread that spins the node. The keepers make the decisions.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from .server import AskLife, AskResult, CancelGoal, SendCall, SendGoal, ServerEf
 from .values import fill, find_type, read_field, reason_of, stamp_now
 from .watch import LifeAnswers
 
-# By then simulated time should have come.
+# Simulated time should have arrived after this time.
 CLOCK_S = 5.0
-# Hands a step of a keeper to the bridge, which carries out what follows.
+# Passes a step of a keeper to the bridge, which carries out its effects.
 Apply = Callable[[Callable[[Any, float], "list[ServerEffect]"]], None]
 Told = Callable[[Any, "dict[str, Any]"], None]
 
 
 class RosNode:
-    """The bridge's node, and what spins it. `on_tick` is called every `tick_s`.
+    """The bridge's node and its executor. `on_tick` is called every `tick_s`.
 
-    `arguments` are those of `--ros-args`, as launch files give them to nodes.
+    `arguments` are those after `--ros-args`, as launch files pass them to nodes.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class RosNode:
         self._clock_timer = self.node.create_timer(CLOCK_S, self._look_at_clock, clock=steady)
 
     def _look_at_clock(self) -> None:
-        """Say once if simulated time does not come."""
+        """Log once if simulated time does not arrive."""
         self._clock_timer.cancel()
         clock = self.node.get_clock()
         if clock.ros_time_is_active and clock.now().nanoseconds == 0:
@@ -70,18 +70,18 @@ class RosNode:
             self.node.get_logger().warning(text)
 
     def wake(self) -> None:
-        """Have `on_tick` called now; from any thread."""
+        """Have `on_tick` called now. May be called from any thread."""
         self._guard.trigger()
 
     def spin_while(self, holds: Callable[[], bool]) -> None:
-        """Spin as long as `holds`."""
+        """Spin the node as long as `holds()` is true."""
         while holds() and rclpy.ok():
             self._executor.spin_once(timeout_sec=1.0)
 
     def serve(
         self, task: dict[str, Any], apply: Apply, feedback: Told
     ) -> ActionEnd | ServiceEnd | PublisherEnd | LifecycleEnd:
-        """The client's end of a task's server. Raises rclpy's error for a bad name."""
+        """Create the client end of a task's server. Raises rclpy's error for a bad name."""
         if task["kind"] == "action":
             return ActionEnd(self.node, task, apply, feedback)
         if task["kind"] == "srv":
@@ -91,7 +91,7 @@ class RosNode:
         return PublisherEnd(self.node, task, apply)
 
     def listen(self, topic: dict[str, Any], told: Callable[[dict[str, Any]], None]) -> None:
-        """Read a topic's fields."""
+        """Subscribe to a topic; `told` is called with its fields."""
         paths = [path for path, *_ in topic["fields"]]
         # A best-effort subscription also receives from reliable publishers.
         latched = topic["latched"]
@@ -112,7 +112,7 @@ class RosNode:
 
 
 class _LifeQuestions:
-    """Questions that a server's node answers without doing anything: one is open at a time."""
+    """Requests that a server's node answers without side effects, to see whether it is alive."""
 
     def __init__(self, node: Any, apply: Apply) -> None:
         self._node = node
@@ -122,13 +122,13 @@ class _LifeQuestions:
         self._answers = LifeAnswers()
 
     def client(self, service: str, kind: Any) -> Any:
-        """A client that is made once."""
+        """Return the client of a service; it is created once."""
         if service not in self._clients:
             self._clients[service] = self._node.create_client(kind, service)
         return self._clients[service]
 
     def ask(self, client: Any, request: Any, answered: Callable[[Any], None]) -> bool:
-        """Ask, even if an earlier question is open; returns whether there is a server."""
+        """Send a request, even if an earlier one is open. Returns whether there is a server."""
         if not client.service_is_ready():
             return False
         future = client.call_async(request)
@@ -137,13 +137,13 @@ class _LifeQuestions:
         return True
 
     def renew(self) -> None:
-        """Forget the questions that were not answered."""
+        """Drop the requests that were not answered."""
         for client, future in self._open:
             client.remove_pending_request(future)
         self._open.clear()
 
     def ask_nodes(self, names: Iterable[str]) -> None:
-        """Ask the nodes that DDS lists for no parameters."""
+        """Request an empty list of parameters from nodes that DDS lists."""
 
         def heard(keeper: ServerWatch, now_s: float) -> list[ServerEffect]:
             return keeper.heard(now_s)
@@ -160,7 +160,7 @@ class _LifeQuestions:
 
 
 class ActionEnd:
-    """The client's end of an action."""
+    """The client end of an action."""
 
     def __init__(self, node: Any, task: dict[str, Any], apply: Apply, feedback: Told) -> None:
         self._node, self._task, self._apply, self._feedback = node, task, apply, feedback
@@ -171,7 +171,7 @@ class ActionEnd:
         self._results: dict[bytes, Any] = {}
 
     def carry_out(self, effect: ServerEffect) -> None:
-        """Raises UnfitError for a goal that does not fit the type."""
+        """Carry out an effect. Raises UnfitError for a goal that does not fit the type."""
         if isinstance(effect, SendGoal):
             self._send(effect)
         elif isinstance(effect, CancelGoal):
@@ -247,12 +247,12 @@ class ActionEnd:
             found = get_action_names_and_types(self._node)
             _say_other_type(self._apply, self._task["type"], dict(found).get(self._name, []))
             return
-        # An unknown goal: a server answers that, and writes nothing into its log.
+        # Cancel an unknown goal: a server answers this without writing to its log.
         self._call_cancel(uuid.uuid4().bytes, lambda keeper, _, now_s: keeper.heard(now_s))
 
 
 class ServiceEnd:
-    """The client's end of a service."""
+    """The client end of a service."""
 
     def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
         self._node, self._task, self._apply = node, task, apply
@@ -262,14 +262,14 @@ class ServiceEnd:
         self._call: Any = None
 
     def carry_out(self, effect: ServerEffect) -> None:
-        """Raises UnfitError for a request that does not fit the type."""
+        """Carry out an effect. Raises UnfitError for a request that does not fit the type."""
         if isinstance(effect, SendCall):
             self._send(effect)
         elif isinstance(effect, AskLife):
             self._questions.renew()
             names, is_ready = self._servers(), self._client.service_is_ready()
             servers = frozenset(f"{name} {i}".encode() for i, name in enumerate(names))
-            if servers or not is_ready:  # of some nodes DDS does not know the name
+            if servers or not is_ready:  # DDS does not know the names of some nodes
                 self._apply(lambda keeper, now_s: keeper.servers(servers, now_s))
             if is_ready:
                 self._questions.ask_nodes(names)
@@ -299,13 +299,13 @@ class ServiceEnd:
         self._call.add_done_callback(answered)
 
     def _servers(self) -> list[str]:
-        """The nodes that have the service, sorted; some may have the same name."""
+        """Return the nodes that offer the service, sorted; several may have the same name."""
         found = []
         for name, namespace in self._node.get_node_names_and_namespaces():
             try:
                 services = self._node.get_service_names_and_types_by_node(name, namespace)
             except RuntimeError:
-                # It has just ended.
+                # The node has just ended.
                 continue
             if self._client.srv_name in dict(services):
                 found.append(_full_name(name, namespace))
@@ -313,7 +313,7 @@ class ServiceEnd:
 
 
 class PublisherEnd:
-    """The publisher of a topic; its servers are the nodes that listen."""
+    """The publisher of a topic; its servers are the nodes that subscribe to it."""
 
     def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
         self._node, self._apply = node, apply
@@ -326,7 +326,7 @@ class PublisherEnd:
         self._questions = _LifeQuestions(node, apply)
 
     def carry_out(self, effect: ServerEffect) -> None:
-        """Raises UnfitError for a message that does not fit the type."""
+        """Carry out an effect. Raises UnfitError for a message that does not fit the type."""
         if isinstance(effect, SendCall):
             message = self._type()
             fill(message, effect.body)
@@ -337,7 +337,7 @@ class PublisherEnd:
             self._questions.renew()
             found = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
             names = {_full_name(info.node_name, info.node_namespace) for info in found}
-            # They may be several; whether there are any is enough.
+            # Several subscribers are fine, so they count as one server.
             servers = frozenset({b"subscribers"} if found else ())
             self._apply(lambda keeper, now_s: keeper.servers(servers, now_s))
             if self._publisher.get_subscription_count():
@@ -346,7 +346,7 @@ class PublisherEnd:
                 self._say_why_none_fits(found)
 
     def _say_why_none_fits(self, found: list[Any]) -> None:
-        """Those that listen have another type or another quality of service."""
+        """Report that all subscribers have another type or an incompatible quality of service."""
         if all(info.topic_type != self._wanted for info in found):
             _say_other_type(self._apply, self._wanted, [info.topic_type for info in found])
             return
@@ -360,7 +360,7 @@ class PublisherEnd:
 
 
 class LifecycleEnd:
-    """The client's end of a lifecycle node."""
+    """The client end of a lifecycle node."""
 
     def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
         self._apply = apply
@@ -368,7 +368,7 @@ class LifecycleEnd:
         self._client = self._questions.client(f"{task['name']}/get_state", GetState)
 
     def carry_out(self, effect: ServerEffect) -> None:
-        """Ask for its state; nothing else is asked of it."""
+        """Request the node's state; other effects are ignored."""
         if isinstance(effect, AskLife):
             self._questions.renew()
             self._questions.ask(self._client, GetState.Request(), self._answered)
@@ -382,9 +382,9 @@ class LifecycleEnd:
 
 
 def _say_other_type(apply: Apply, wanted: str, found: Iterable[str]) -> None:
-    """Say that there are only servers of other types, if there are any."""
+    """Report that the server has another type, if there is one."""
     others = sorted({each for each in found if each != wanted})
-    if others:  # the wanted type is at least that of this client
+    if others:  # the wanted type is always listed, by this client itself
         text = f"is there with the type {' and '.join(others)}, not {wanted}"
         apply(lambda keeper, _: keeper.unusable(text))
 

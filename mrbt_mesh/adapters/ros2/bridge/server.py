@@ -1,4 +1,4 @@
-"""Whether a server can be used, and the requests to it, for servers of all kinds."""
+"""Tracks whether a server can be used; base classes and effects for servers of all kinds."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 from .watch import LISTED_S, LifeWatch
 
 NOT_FOUND = "has not been found"
-# What waits for so long for a server that is not there has failed.
+# A run that waits this long for a missing server has failed.
 ABSENT_S = 30.0
-# Servers that are found within this time of the first one, or the detection time if that is longer,
-# were there before it was found.
+# Servers found within this time after the first one, or within the detection time if that is
+# longer, are taken to have existed before.
 FIRST_S = 2.0
 
 
 @dataclass(frozen=True)
 class SendGoal:
-    """Ask an action server to take this goal."""
+    """Ask an action server to accept this goal."""
 
     run: int
     goal_id: bytes
@@ -34,7 +34,7 @@ class CancelGoal:
 
 @dataclass(frozen=True)
 class AskResult:
-    """Ask for a goal's result; an unknown goal is answered at once."""
+    """Request a goal's result; for an unknown goal the server answers at once."""
 
     goal_id: bytes
 
@@ -49,12 +49,12 @@ class SendCall:
 
 @dataclass(frozen=True)
 class AskLife:
-    """Ask the server a question that it has to answer and that changes nothing."""
+    """Send the server a request that it must answer and that changes nothing."""
 
 
 @dataclass(frozen=True)
 class RunEnded:
-    """A run is over. `fields`: the requested fields of the result."""
+    """A run has ended. `fields`: the requested fields of the result."""
 
     run: int
     how: str
@@ -64,7 +64,7 @@ class RunEnded:
 
 @dataclass(frozen=True)
 class RunWaits:
-    """A run goes on, and something about it has to be known."""
+    """A run continues, but `text` about it must be reported."""
 
     run: int
     text: str
@@ -72,7 +72,7 @@ class RunWaits:
 
 @dataclass(frozen=True)
 class ServerTold:
-    """The server can be used from now on, or cannot; `why` is a predicate, as `does not answer`."""
+    """Whether the server can be used from now on; `why` is a predicate like `does not answer`."""
 
     is_up: bool
     why: str
@@ -84,14 +84,15 @@ ServerEffect = (
 
 
 class ServerWatch:
-    """Whether one server can be used, or a lifecycle node is active. Every method returns what is
-    to be done; `now_s` never goes back.
+    """Tracks whether one server can be used, or a lifecycle node is active.
+
+    Methods return effects to carry out; `now_s` is monotonic.
     """
 
     def __init__(self, detection_s: float, now_s: float) -> None:
         self._watch = LifeWatch(detection_s, now_s)
-        # The middleware's ids of the servers of this name: another id is another process. With each
-        # one, since when it is known.
+        # The middleware's ids of the servers of this name, with the time since which each is known.
+        # Another id is another process.
         self._servers: dict[bytes, float] = {}
         self._found_s = now_s
         self._first_s = max(FIRST_S, detection_s)
@@ -100,18 +101,18 @@ class ServerWatch:
 
     @property
     def is_clear(self) -> bool:
-        """Whether nothing of ours is at the server, or may be."""
+        """True if the server cannot have any run of this robot."""
         return True
 
     def heard(self, now_s: float) -> list[ServerEffect]:
-        """A sign of life: any answer, or feedback."""
+        """Process a sign of life: any answer, or feedback."""
         was_there = self._watch.is_there
         self._watch.heard(now_s)
         effects = [] if was_there else self._came_back(now_s)
         return effects + self._advance(now_s)
 
     def servers(self, found: frozenset[bytes], now_s: float) -> list[ServerEffect]:
-        """The servers of this name that the middleware lists."""
+        """Process the list of servers of this name that the middleware knows."""
         if not self._servers:
             self._found_s = now_s
         elif not found:
@@ -123,22 +124,22 @@ class ServerWatch:
         return []
 
     def _count(self, now_s: float) -> int:
-        """How many of the listed servers are alive.
+        """Return how many of the listed servers are alive.
 
-        A killed one is listed for a while beside its successor. So one that is not the newest
-        counts if it is still listed when the one after it has been there for `LISTED_S`.
+        A killed server is listed for a while beside its successor. So an older server counts only
+        if it is still listed when its successor has been known for `LISTED_S`.
         """
         since_s = sorted(self._servers.values())
         return min(1, len(since_s)) + sum(now_s - each >= LISTED_S for each in since_s[1:])
 
     def unusable(self, why: str) -> list[ServerEffect]:
-        """The server is there and reports that it cannot be used now."""
+        """Note that the server cannot be used now; `why` is a predicate."""
         self._watch.gone()
         self._why_not = why
         return self._told(False)
 
     def tick(self, now_s: float) -> list[ServerEffect]:
-        """Time has passed."""
+        """Advance the time."""
         was_there = self._watch.is_there
         effects: list[ServerEffect] = [AskLife()] if self._watch.tick(now_s) else []
         if was_there and not self._watch.is_there:
@@ -146,11 +147,11 @@ class ServerWatch:
         return effects + self._advance(now_s)
 
     def _silence(self) -> str:
-        """Why it may be silent; empty if nothing is known."""
+        """Return why the server may be silent; empty if unknown."""
         return ""
 
     def _came_back(self, now_s: float) -> list[ServerEffect]:
-        """It was silent, or never heard before."""
+        """Called when a server is heard that was silent, or never heard before."""
         return []
 
     def _advance(self, now_s: float) -> list[ServerEffect]:
@@ -162,16 +163,16 @@ class ServerWatch:
 
 
 class ServerKeeper(ServerWatch, ABC):
-    """One server and the runs that it is asked for."""
+    """One server and the runs that are requested from it."""
 
     @abstractmethod
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
-        """Begin a run; the one before has ended or was cancelled."""
+        """Start a run; an earlier one that has not ended is cancelled or awaited."""
 
     @abstractmethod
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """The run is no longer needed; its end is reported once the server has stopped."""
+        """Cancel a run that is no longer needed; returns or later reports its end."""
 
     @abstractmethod
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
-        """The run's message does not fit the server's type."""
+        """End a run whose message does not fit the server's type."""

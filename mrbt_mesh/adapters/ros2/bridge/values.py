@@ -1,7 +1,6 @@
-"""Plain data to ROS messages and fields of messages to plain data, checked against their types.
+"""Converts plain data to ROS messages, and message fields to plain data, checking their types.
 
-A message class lists its fields (`get_fields_and_field_types`); nothing else of ROS is needed
-here.
+Of ROS this needs only message classes, which list their fields (`get_fields_and_field_types`).
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import math
 import re
 from typing import Any
 
-# Longer lists are cut off.
+# Longer lists are truncated.
 MAX_ITEMS = 2_000
 TIME = "builtin_interfaces/Time"
 # The fields of a result that usually hold the reason of a failure.
@@ -26,9 +25,9 @@ _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(-?\d+)\]")
 
 
 class UnfitError(Exception):
-    """A value that does not fit its type; the text has the place and what is expected.
+    """A value does not fit its type; the text has the place and what is expected.
 
-    `path` are the keys that lead there, `what` is the text without them.
+    `path` are the keys that lead to the value, `what` is the text without the place.
     """
 
     def __init__(self, text: str, place: str = "") -> None:
@@ -38,7 +37,7 @@ class UnfitError(Exception):
 
 
 def find_type(name: str, kind: str) -> Any:
-    """The class of `package/kind/Name`. Raises UnfitError."""
+    """Return the class of `package/kind/Name`. Raises UnfitError."""
     package, _, rest = name.partition("/")
     middle, _, short = rest.partition("/")
     if middle != kind:
@@ -52,7 +51,7 @@ def find_type(name: str, kind: str) -> Any:
         raise UnfitError(f"{text}; source the workspace that has it (`setup`)") from None
     found = getattr(module, short, None)
     if not isinstance(found, type):
-        # Generated types beside it have its name and an underscore.
+        # Types generated along with a type have its name plus an underscore.
         known = [k for k, v in vars(module).items() if isinstance(v, type) and "_" not in k]
         raise UnfitError(f"{package} has no {kind} {short}{_nearest(short, known)}")
     return found
@@ -61,7 +60,7 @@ def find_type(name: str, kind: str) -> Any:
 def fill(message: Any, data: Any, place: str = "", has_open: bool = False) -> None:
     """Set the fields of a message that `data` names. Raises UnfitError.
 
-    `has_open`: a text with $ may become any value, once the arguments of a task are known.
+    `has_open`: a text with $ may become any value once the arguments of a task are known.
     """
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
@@ -90,12 +89,12 @@ def fill(message: Any, data: Any, place: str = "", has_open: bool = False) -> No
 
 
 def is_open(value: Any) -> bool:
-    """Whether a value is known only with the arguments of a task."""
+    """Return whether a value depends on the arguments of a task."""
     return isinstance(value, str) and "$" in value
 
 
 def _made(kind: str, value: Any, place: str, default: Any, has_open: bool) -> Any:
-    """A value of this type."""
+    """Convert a value to a ROS type. Raises UnfitError."""
     items = _ITEMS.fullmatch(kind)
     if items is not None:
         if not isinstance(value, list):
@@ -145,7 +144,7 @@ def _scalar(kind: str, value: Any, place: str) -> Any:
 
 
 def _number(value: Any, place: str, has_open: bool = False) -> float:
-    """A number; arguments of tasks are texts, so also one as a text."""
+    """Read a number, or a text with a number, since arguments of tasks are texts."""
     if has_open and is_open(value):
         return 0
     if not isinstance(value, bool) and isinstance(value, (int, float)):
@@ -158,7 +157,7 @@ def _number(value: Any, place: str, has_open: bool = False) -> float:
 
 
 def stamp_now(message: Any, data: Any, now: Any) -> None:
-    """Set the times that are `now` in `data`."""
+    """Set the message's time fields that are `now` in `data`."""
     if not isinstance(data, dict):
         return
     types = message.get_fields_and_field_types()
@@ -170,9 +169,10 @@ def stamp_now(message: Any, data: Any, now: Any) -> None:
 
 
 def check_field(kind: type, path: str, compared: str = "") -> None:
-    """Whether a message of this class has such a field with plain data. Raises UnfitError.
+    """Check that a message class has a field with plain data. Raises UnfitError if not.
 
-    `compared`: that with which the field is compared, `a text` or `a number`; empty: with neither.
+    `compared`: the kind of constant that the field is compared with, `a text` or `a number`; empty
+    for neither.
     """
     current: Any = kind()
     type_name, done = kind.__name__, ""
@@ -203,7 +203,10 @@ def check_field(kind: type, path: str, compared: str = "") -> None:
 
 
 def read_field(message: Any, path: str) -> Any:
-    """Plain data of a field, lists cut off after 2,000; None where a list is too short."""
+    """Return a field as plain data; None if a list is too short for the path's index.
+
+    Lists are truncated after 2,000 items.
+    """
     value = message
     for name, index in _steps(path):
         if name:
@@ -229,7 +232,7 @@ def _plain(value: Any) -> Any:
 
 
 def reason_of(message: Any) -> str:
-    """The reason of a failure, from the usual fields of a result; may be empty."""
+    """Return the reason of a failure from the usual fields of a result; may be empty."""
     types = message.get_fields_and_field_types()
     said = {name: getattr(message, name) for name in REASONS if name in types}
     texts = [value for value in said.values() if isinstance(value, str) and value]

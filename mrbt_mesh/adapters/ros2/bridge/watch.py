@@ -1,20 +1,20 @@
-"""Whether a process is alive: by signs of life, and by questions where there are none.
+"""Tracks whether a process is alive, by signs of life and, if there are none, by requests.
 
-DDS reports that a server has ended after 20 s or later; a team needs to know within one.
+DDS reports the end of a server after 20 s or later; a team needs to know within one second.
 """
 
 from __future__ import annotations
 
-# Questions within the detection time.
+# Number of requests within the detection time.
 ASKS = 4
-# Longer than DDS lists a process that was killed (20 s by its default lease).
+# Longer than DDS lists a killed process (20 s with its default lease).
 LISTED_S = 30.0
 
 
 class LifeWatch:
-    """Another process, alive if it was heard within `detection_s`; `now_s` never goes back.
+    """Watches another process, which is alive if it was heard within `detection_s`.
 
-    Time in which this process itself was stopped does not count as silence.
+    `now_s` is monotonic. Time in which this process itself was stopped does not count as silence.
     """
 
     def __init__(self, detection_s: float, now_s: float) -> None:
@@ -25,19 +25,19 @@ class LifeWatch:
 
     @property
     def is_there(self) -> bool:
-        """Whether it was heard within the detection time."""
+        """True if the process was heard within the detection time."""
         return self._heard_s is not None
 
     def heard(self, now_s: float) -> None:
-        """A sign of life."""
+        """Note a sign of life."""
         self._heard_s = now_s
 
     def gone(self) -> None:
-        """It is known not to be alive."""
+        """Note that the process is not alive."""
         self._heard_s = None
 
     def tick(self, now_s: float) -> bool:
-        """Time has passed; returns whether it should be asked now."""
+        """Advance the time. Returns whether a request should be sent now."""
         stood_still_s = now_s - self._ticked_s
         self._ticked_s = now_s
         pause_s = self._detection_s / ASKS
@@ -54,20 +54,20 @@ class LifeWatch:
 
 
 class LifeAnswers:
-    """Whether a node that DDS lists, but that cannot be asked, counts as alive.
+    """Decides whether a node that DDS lists, but that cannot be asked, counts as alive.
 
-    A node without parameter services cannot be asked, nor one whose name DDS does not report. But
-    an entry that is left of a killed node may have lost its name as well. So being listed counts
-    only if none of the nodes has answered within `LISTED_S`. `now_s` never goes back.
+    A node cannot be asked if it has no parameter services, or if DDS does not report its name. But
+    the leftover entry of a killed node may have lost its name as well. So being listed counts only
+    if none of the nodes has answered within `LISTED_S`. `now_s` is monotonic.
     """
 
     def __init__(self) -> None:
         self._answered_s: float | None = None
 
     def answered(self, now_s: float) -> None:
-        """One of the nodes has answered a question."""
+        """Note that one of the nodes has answered a request."""
         self._answered_s = now_s
 
     def does_listing_count(self, now_s: float) -> bool:
-        """Whether a listed node counts as alive."""
+        """Return whether a listed node counts as alive."""
         return self._answered_s is None or now_s - self._answered_s >= LISTED_S
