@@ -16,6 +16,8 @@ from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.world.faults import Operate
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
+from mrbt_mesh.testing import Submit
+from mrbt_mesh.testing import run as run_team
 from tests.support.effort import seeds
 
 SECOND_US = 1_000_000
@@ -140,3 +142,52 @@ tree: {Parallel: [g0, g1, g2]}
     places = {"p": (0.0, 0.0), "q": (4.0, 0.0)}
     events = run(text, program_of(places, dict.fromkeys(("R1", "R2"), "p")), [], 60, seed)
     assert max(each["t"] for each in events) < 6.2, f"seed {seed}"
+
+
+FOUR_ROBOTS = """
+mission: far
+ends: never
+travel:
+  places: {here: [0, 4], far: [21, 18]}
+  speed: 1
+  start: {R1: here, R2: here, R3: here, R4: here}
+  overtaking: 0
+local_tasks:
+  lift: {parameters: [p], work: 8, at: $p}
+  look: {parameters: [p], work: 1, at: $p}
+robot_types: {r: {capabilities: {lift: 1, look: 1}}}
+robots: {R1: r, R2: r, R3: r, R4: r}
+global_tasks:
+  lift_it: {parameters: [p], needs: {lift($p): {min: 1}}}
+  look_at: {parameters: [p], needs: {look($p): {min: 1}}}
+jobs:
+  lifting: {parameters: {p: place}, tree: lift_it($p)}
+  looking: {parameters: {p: place}, tree: look_at($p)}
+  both: {parameters: {p: place, q: place}, tree: {Sequence: [lift_it($p), look_at($q)]}}
+tree: {Jobs: {types: all, at_most: 40}}
+"""
+
+
+def test_a_robot_that_turned_round_for_nothing_sets_out_once_more(tmp_path: Path) -> None:
+    """While it was on its way to a task, another robot would do that earlier; while it was idle, it
+    would overtake the task. So it set out and turned round 57 times in half a second.
+    """
+    mission, program = tmp_path / "mission.yaml", RobotProgram()
+
+    @program.local_task("*")
+    async def work(task: TaskContext, *_: str) -> None:
+        await anyio.sleep(task.simulation.duration_s)
+
+    mission.write_text(FOUR_ROBOTS, encoding="utf-8")
+    handed_in = [
+        (1.0, Submit("lifting", ["far"], id="j0", priority=5)),
+        (12.072, Submit("lifting", ["far"], id="j2")),
+        (25.18, Submit("looking", ["here"], id="j3")),
+        (33.774, Submit("both", ["here", "here"], id="j4")),
+        (33.774, Submit("looking", ["far"], id="j5")),
+        (33.774, Submit("lifting", ["here"], id="j6")),
+    ]
+    found = run_team(mission, program, seed=6, commands=handed_in, until_jobs_end=True)
+    assert {job.state for job in found.jobs} == {"succeeded"}
+    counts = Counter(each["robot"] for each in found.whole.events if each["event"] == "start")
+    assert max(counts.values()) <= 4, counts

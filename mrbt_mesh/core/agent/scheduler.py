@@ -163,13 +163,13 @@ class Scheduler:
         begun, self._begun = self._begun, claim.activation
         way, self._way_to = self._way_to, claim.activation if is_way else ""
         ahead, me = plan.ahead, self._context.me
-        if claim.activation == begun or ahead is None:
+        turns = is_way and ahead is not None and ahead.turns_from(way, claim.activation)
+        if ahead is None or (claim.activation == begun and (self._has_turned or not turns)):
             return []
-        taken_back: list[Fact] = []
-        if self._is_outdone(ahead) and not ahead.problem.has_order:
-            taken_back.append((records.SCHEDULE, Proposal(())))
-        self._has_turned = is_way and (self._has_turned or ahead.turns_from(way, claim.activation))
-        passed = ahead.overtaken_by(me, claim.activation)
+        is_outdone = self._is_outdone(ahead) and not ahead.problem.has_order
+        taken_back: list[Fact] = [(records.SCHEDULE, Proposal(()))] if is_outdone else []
+        self._has_turned = is_way and (self._has_turned or turns)
+        passed = [] if claim.activation == begun else ahead.overtaken_by(me, claim.activation)
         if not passed and not self._has_turned:
             return taken_back
         before = self._context.facts.overtakings.get(me)

@@ -174,11 +174,11 @@ class Lookahead:
         return tuple(crew)
 
     def turns_from(self, way: str, begun: str) -> bool:
-        """Whether a robot that was on its way to one task turns round if it begins the other one,
-        which has no priority.
+        """True if a robot that was on its way to one task turns round by beginning the other one,
+        which has no priority; or has turned round, and sets out for the same one again.
         """
         left, own = self.numbers.get(way), self.order.get(begun)
-        if left is None or own is None or way == begun or not self.problem.has_order:
+        if left is None or own is None or not self.problem.has_order:
             return False
         return own.level >= self.problem.tasks[left].level
 
