@@ -42,10 +42,20 @@ def is_running(run_dir: RunDir) -> bool:
 
 
 def find_run(named: Path | None, how: str = HOW_TO_NAME) -> RunDir:
+    """Find a run, as `look_up_run`, that robots are commanded through.
+
+    Raises InputError if its folder is a link, belongs to another user or is writable by others:
+    they could name any process to be killed, or make robots do anything.
+    """
+    return RunDir.of(look_up_run(named, how).path)
+
+
+def look_up_run(named: Path | None, how: str = HOW_TO_NAME) -> RunDir:
     """Find a run by its folder, or by the name of its team or mission; None: the running one.
 
     If several match and none runs, it is the newest one. `how`: how the command line names a run.
-    Raises RunDirError if there is no such run, or if several of them run.
+    For what only reads: evidence may lie in any folder. Raises RunDirError if there is no such run,
+    or if several of them run.
     """
     if named is not None and (named / RUN_FILE).is_file():
         return RunDir(named)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime import known_runs
-from mrbt_mesh.runtime.known_runs import find_run, is_running, remember
+from mrbt_mesh.runtime.known_runs import find_run, is_running, look_up_run, remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 from tests.support.run_dirs import a_run
@@ -92,3 +93,23 @@ def test_only_the_newest_runs_and_those_that_run_are_remembered(
     runs = [begin(HERE), begin(OVER), begin(OVER), begin(OVER)]
     kept = [run.path for run in known_runs.known_runs()]
     assert kept == [runs[number].path for number in (3, 2, 0)]
+
+
+@pytest.mark.parametrize("is_named", [True, False])
+def test_robots_are_not_commanded_through_a_folder_that_others_can_write(
+    begin: Begin, is_named: bool
+) -> None:
+    """They could write the number of any process there, and `mrbt kill` would kill that."""
+    run_dir = begin(HERE)
+    run_dir.path.chmod(0o777)
+    named = run_dir.path if is_named else None
+    with pytest.raises(InputError, match="can be written by other users: `chmod go-w"):
+        find_run(named)
+    assert look_up_run(named).path == run_dir.path, "it may be read"
+
+
+def test_robots_are_not_commanded_through_a_link(begin: Begin, tmp_path: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(begin(HERE).path)
+    with pytest.raises(InputError, match="is a link: name the folder itself"):
+        find_run(link)

@@ -128,9 +128,11 @@ def show(keys: Path | None, as_json: bool) -> None:
 
 def _chosen(path: Path | None) -> KeyFolder:
     from mrbt_mesh.runtime.key_folder import KeyFolder
-    from mrbt_mesh.runtime.known_runs import find_run
+    from mrbt_mesh.runtime.known_runs import look_up_run
 
-    return KeyFolder(path if path is not None else find_run(None, "--keys RUN_DIR/keys").keys_path)
+    return KeyFolder(
+        path if path is not None else look_up_run(None, "--keys RUN_DIR/keys").keys_path
+    )
 
 
 def _manifest_data(folder: KeyFolder) -> dict[str, Any]:

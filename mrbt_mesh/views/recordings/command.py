@@ -183,7 +183,7 @@ def report(path: Path | None, output: Path, as_json: bool) -> None:
     Example: mrbt recording report RUN_DIR -o report.html
     """
     from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
-    from mrbt_mesh.runtime.known_runs import find_run
+    from mrbt_mesh.runtime.known_runs import look_up_run
     from mrbt_mesh.views.recordings.files import verified
     from mrbt_mesh.views.report.page import report_html
     from mrbt_mesh.views.report.sources import read_report
@@ -191,7 +191,7 @@ def report(path: Path | None, output: Path, as_json: bool) -> None:
     if not as_json:
         check_outputs(None, {"-o": output})
 
-    found = read_report(path or find_run(None, "RUN_DIR").path, lambda path: verified((path,)))
+    found = read_report(path or look_up_run(None, "RUN_DIR").path, lambda path: verified((path,)))
     if as_json:
         print_json(found.to_json())
     else:

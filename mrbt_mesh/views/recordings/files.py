@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.reader import EmptyRecordingError, Recording, read_recordings
-from mrbt_mesh.runtime.known_runs import find_run
+from mrbt_mesh.runtime.known_runs import look_up_run
 from mrbt_mesh.runtime.run_dir import KEYS_FOLDER
 
 if TYPE_CHECKING:
@@ -32,13 +32,13 @@ class ChosenRecordings:
 
 
 def chosen(paths: Sequence[Path]) -> ChosenRecordings:
-    """Return the recordings of files and run directories, by default of the run of `find_run`.
+    """Return the recordings of files and run directories, by default of the run of `look_up_run`.
 
     Raises InputError for a folder without recordings, RecordingError for an invalid file.
     """
     files: list[Path] = []
     run_dir: Path | None = None
-    for path in paths or (find_run(None, "RUN_DIR").path,):
+    for path in paths or (look_up_run(None, "RUN_DIR").path,):
         if not path.is_dir():
             files.append(path)
             continue
