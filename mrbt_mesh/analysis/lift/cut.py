@@ -24,6 +24,7 @@ _LOOPS = frozenset({"RetryUntilSuccessful", "Repeat", "KeepRunningUntilFailure"}
 _IN_ORDER = frozenset({"Sequence", "AsyncSequence", "Fallback", "AsyncFallback"})
 # For these, a skipped child is like one that has succeeded.
 _GOES_ON = frozenset({"Sequence", "AsyncSequence", "SequenceWithMemory"})
+_QUEUES = frozenset({"LoopInt", "LoopBool", "LoopDouble", "LoopString"})
 _SKIPPABLE = frozenset({"RunOnce", "SkipUnlessUpdated"})
 _DECIDED_BY_ALL = _IN_ORDER | {"SequenceWithMemory", "ReactiveSequence", "ReactiveFallback"}
 _REMEMBERS = frozenset(
@@ -75,6 +76,13 @@ class TreeCutter:
         if id(node) not in self.marks.above:
             return self._task(Piece((node,), None, is_again), may_skip)
         is_parallel = id(node) in self.marks.parallel
+        if node.type == "WhileDoElse":
+            mark = self.marks.above[id(node)]
+            why = "it asks its condition again at each tick, and a task of the team is done once; "
+            why += (
+                f"{mark.path}, below it, is marked as the team's: mark the whole, or nothing of it"
+            )
+            self.tasks.problems.append(Problem(node.file, node.line, node.path, why))
         is_again = is_again or node.type in _LOOPS
         goes_on = node.category is Category.SUBTREE or node.type in _GOES_ON
         may_skip = may_skip and goes_on
@@ -179,5 +187,7 @@ def _is_skippable(node: ExpandedNode) -> bool:
         return True
     if node.type == "Precondition":
         return node.ports.get("else", "FAILURE") == "SKIPPED"
+    if node.type in _QUEUES and node.ports.get("if_empty", "SUCCESS") not in ("SUCCESS", "FAILURE"):
+        return True
     found = [_is_skippable(child) for child in node.children]
     return all(found) and bool(found) if node.type in _DECIDED_BY_ALL else any(found)

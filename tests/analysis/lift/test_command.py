@@ -250,6 +250,20 @@ REFUSALS = {
         '<Sometimes><Go to="a" _team="true"/></Sometimes>',
         "an unknown Decorator; its effect is not known",
     ),
+    "a control that watches its condition above": (
+        '<WhileDoElse><Ready/><Go to="a" _team="true"/><Go to="b"/></WhileDoElse>',
+        "it asks its condition again at each tick, and a task of the team is done once",
+    ),
+    "a loop that is skipped": (
+        '<Fallback><LoopString queue="" if_empty="SKIPPED" value="{w}" _team="true"><Go to="{w}"/>'
+        '</LoopString><Go to="b"/></Fallback>',
+        "it may be skipped, which a task of the team cannot be here",
+    ),
+    "a loop whose end an entry decides": (
+        '<Fallback><LoopInt queue="" if_empty="{e}" value="{w}" _team="true"><Go to="{w}"/>'
+        '</LoopInt><Go to="b"/></Fallback>',
+        "it may be skipped, which a task of the team cannot be here",
+    ),
     "a task that is skipped": (
         '<Fallback><Go to="a" _skipIf="k == 1" _team="true"/><Go to="b"/></Fallback>',
         "it may be skipped, which a task of the team cannot be here",
