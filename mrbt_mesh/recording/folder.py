@@ -59,7 +59,7 @@ def open_part(path: Path) -> BinaryIO:
 def open_regular(path: Path) -> BinaryIO:
     """Open a file for reading. Raises OSError, also for a pipe, to which nobody may ever write."""
     if not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(errno.EINVAL, "it is not a regular file")
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     return open(path, "rb", READ_BYTES)
 
 

@@ -7,6 +7,7 @@ that key; the number of lines at the end is signed with the summary.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
@@ -18,8 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import open_regular
 from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir, RunDirError
+
+# Files of a run beside its recordings are refused if they are larger.
+MOST_BYTES = 1 << 28
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
@@ -103,9 +108,18 @@ def last_end(run_dir: RunDir) -> TeamEnd | None:
     return ends[-1] if ends and ends[-1].until_unix_s is None else None
 
 
+def read_regular(path: Path) -> bytes:
+    """Read another file of a run whole. Raises OSError, also for one of more than `MOST_BYTES`."""
+    with open_regular(path) as file:
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise OSError(errno.EFBIG, f"it is larger than {MOST_BYTES >> 20} MiB", str(path))
+    return content
+
+
 def read_commands(path: Path) -> bytes | None:
     """Return the content of the file, or None if there is none. Raises OSError."""
-    return path.read_bytes() if path.exists() else None
+    return read_regular(path) if path.exists() else None
 
 
 def head_of(content: bytes | None) -> str:

@@ -99,6 +99,8 @@ def lift_files(
         reference = f"{os.path.relpath(Path(f'{path}.py').resolve(), start)}{function}"
         if not suffix:
             raise InputError(f"--program {program}: a Python file is expected")
+        if not Path(f"{path}.py").is_file():
+            raise InputError(f"--program {program}: there is no such file")
     heading = f"The tree {tree} of {files.file.name}, lifted by `mrbt tree lift`."
     found = {
         MISSION: mission_text(_mission_data(lifted, name, reference, robots), heading),

@@ -10,7 +10,13 @@ from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import FOLDER, SUFFIX, observer_files
 from mrbt_mesh.recording.reader import Recording
-from mrbt_mesh.runtime.command_log import NotedCommand, heads, noted_commands, read_commands
+from mrbt_mesh.runtime.command_log import (
+    NotedCommand,
+    heads,
+    noted_commands,
+    read_commands,
+    read_regular,
+)
 from mrbt_mesh.runtime.member_keys import Manifest
 from mrbt_mesh.runtime.run_dir import (
     COMMANDS_FILE,
@@ -52,16 +58,21 @@ def read_run_dir_files(run_dir: Path) -> RunDirFiles:
     try:
         found = None
         if summary.is_file() or signature.is_file():
-            text = signature.read_text("utf-8", "replace") if signature.is_file() else ""
-            found = SummaryFile(summary.read_bytes() if summary.is_file() else b"", text)
+            text = _text(signature) if signature.is_file() else ""
+            found = SummaryFile(read_regular(summary) if summary.is_file() else b"", text)
         return RunDirFiles(
             found,
             read_commands(run_dir / COMMANDS_FILE),
-            {path.name: path.read_text("utf-8", "replace") for path in missions if path.is_file()},
+            {path.name: _text(path) for path in missions if path.is_file()},
             tuple(sorted(_others(run_dir, known))),
         )
     except OSError as error:
-        raise InputError(f"{run_dir}: cannot be read: {error.strerror or error}") from None
+        file = error.filename or run_dir
+        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
+
+
+def _text(path: Path) -> str:
+    return read_regular(path).decode("utf-8", "replace")
 
 
 def _others(run_dir: Path, known: Collection[str]) -> Iterator[str]:

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.reader import Recording, open_recording
+from mrbt_mesh.runtime.command_log import read_regular
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.report.model import (
@@ -24,7 +25,6 @@ from mrbt_mesh.views.report.model import (
 from mrbt_mesh.views.report.recorded import report_recording
 from mrbt_mesh.views.report.summaries import report_summary
 
-MOST_BYTES = 1 << 28
 Verify: TypeAlias = Callable[[Path], Verification]
 
 
@@ -105,9 +105,7 @@ def _refusing(what: str) -> Iterator[None]:
 
 def _json_object(path: Path) -> Mapping[str, Any]:
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"{path}: more than {MOST_BYTES >> 20} MiB of JSON")
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(read_regular(path).decode("utf-8"))
         # Refuse numbers that are not finite, and texts that are not Unicode.
         json.dumps(data, ensure_ascii=False, allow_nan=False).encode()
     except OSError as error:

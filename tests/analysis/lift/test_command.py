@@ -331,6 +331,8 @@ def test_what_a_mark_would_break_is_refused(tmp_path: Path, main: str, reason: s
         (["--as-action", "Go"], "--as-action: no SubTree node has the ID 'Go'"),
         (["--trees", "nowhere"], "--trees nowhere: there is no such folder"),
         (["--program", "robot"], "--program robot: a Python file is expected"),
+        (["--program", "gone.py"], "--program gone.py: there is no such file"),
+        (["--program", "gone.py:robot"], "--program gone.py:robot: there is no such file"),
     ],
 )
 def test_wrong_options_are_refused(tmp_path: Path, options: list[str], reason: str) -> None:

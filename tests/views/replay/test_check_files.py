@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.runtime.command_log import head_of
 from mrbt_mesh.runtime.member_keys import Manifest
@@ -82,6 +84,28 @@ def test_files_that_nothing_signs_are_named(run: Run, tmp_path: Path) -> None:
     verdict = verify(*run[:2], files)
     assert verdict.no_evidence == files.others
     assert any("the end of commands.jsonl is not proved" in each for each in verdict.notes)
+
+
+@pytest.mark.parametrize("name", ["commands.jsonl", "summary.json", "mission.json"])
+def test_only_regular_files_of_some_size_are_read(tmp_path: Path, name: str) -> None:
+    """A pipe would be waited for without end, and a device or a sparse file fill the memory."""
+    path = tmp_path / name
+    os.mkfifo(path)
+    if name == "commands.jsonl":
+        with pytest.raises(InputError, match=f"{name}: cannot be read: it is not a regular file"):
+            read_run_dir_files(tmp_path)
+    else:
+        read_run_dir_files(tmp_path)  # as if it were missing, which is a gap
+    path.unlink()
+    path.symlink_to("/dev/zero")
+    if name == "commands.jsonl":
+        with pytest.raises(InputError, match=f"{name}: cannot be read: it is not a regular file"):
+            read_run_dir_files(tmp_path)
+    path.unlink()
+    with path.open("wb") as file:
+        file.truncate(3 << 30)
+    with pytest.raises(InputError, match=f"{name}: cannot be read: it is larger than 256 MiB"):
+        read_run_dir_files(tmp_path)
 
 
 def test_a_summary_that_was_written_is_missed(run: Run) -> None:
