@@ -185,11 +185,12 @@ def report(path: Path | None, output: Path, as_json: bool) -> None:
     from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
     from mrbt_mesh.runtime.known_runs import look_up_run
     from mrbt_mesh.views.recordings.files import verified
-    from mrbt_mesh.views.report.page import report_html
+    from mrbt_mesh.views.report.page import check_page, report_html
     from mrbt_mesh.views.report.sources import read_report
 
     if not as_json:
         check_outputs(None, {"-o": output})
+        check_page(output)
 
     found = read_report(path or look_up_run(None, "RUN_DIR").path, lambda path: verified((path,)))
     if as_json:

@@ -7,6 +7,7 @@ from typing import Any
 
 from mrbt_mesh.cli.printing import Printable, Stack, Styled
 from mrbt_mesh.cli.terminal import table
+from mrbt_mesh.core.facts.values import printable
 from mrbt_mesh.views.replay.findings import ON_TRUST, Verification
 
 # How many findings are printed; `--json` has all.
@@ -35,16 +36,16 @@ def render_verdict(verdict: Verification, accepted: Collection[str]) -> Printabl
     parts: list[Printable] = [_basis(verdict), counts]
     for each in verdict.takeovers:
         text = f"{each.at_us / 1e6:.3f} s: {each.robot} took over {each.local_task} of {each.of}"
-        parts.append(Styled(f"{text}: {each.cause}"))
-    parts += [Styled(f"proved: {each}", "green") for each in verdict.proved]
+        parts.append(_line(f"{text}: {each.cause}"))
+    parts += [_line(f"proved: {each}", "green") for each in verdict.proved]
     for gap in verdict.gaps:
         word = "accepted" if gap.kind in accepted else "not proved"
-        parts.append(Styled(f"{word}: {gap}", "yellow"))
-    parts += [Styled(f"note: {each}", "yellow") for each in verdict.notes]
+        parts.append(_line(f"{word}: {gap}", "yellow"))
+    parts += [_line(f"note: {each}", "yellow") for each in verdict.notes]
     if verdict.no_evidence:
         listed = ", ".join(verdict.no_evidence)
-        parts.append(Styled(f"no evidence, as nothing signs them: {listed}", "dim"))
-    parts += [Styled(str(finding), "red") for finding in verdict.findings[:MOST_FINDINGS]]
+        parts.append(_line(f"no evidence, as nothing signs them: {listed}", "dim"))
+    parts += [_line(str(finding), "red") for finding in verdict.findings[:MOST_FINDINGS]]
     more = len(verdict.findings) - MOST_FINDINGS
     if more > 0:
         parts.append(Styled(f"and {more} more: --json has all", "red"))
@@ -58,6 +59,11 @@ def render_verdict(verdict: Verification, accepted: Collection[str]) -> Printabl
         counted = f"{len(verdict.findings)} contradictions, {gaps} gaps"
         last = Styled(f"not proved: {counted} in {files}", "bold red")
     return Stack(*parts, last)
+
+
+def _line(text: str, style: str = "") -> Styled:
+    """Return one line, whatever the names of files, which others have chosen, contain."""
+    return Styled(printable(text), style)
 
 
 def _basis(verdict: Verification) -> Styled:

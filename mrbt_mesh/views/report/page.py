@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
 from mrbt_mesh.views.report.model import (
@@ -22,6 +24,7 @@ from mrbt_mesh.views.report.model import (
     spread,
 )
 
+_FIRST_LINE = "<!DOCTYPE html>"
 STYLE = Path(__file__).with_name("style.css")
 # Shorter waits and disagreements are counted together, like those beyond the longest `MOST_ROWS`;
 # `--json` lists all.
@@ -40,12 +43,26 @@ Bars = Mapping[tuple[int, int], float]
 _Lasting = TypeVar("_Lasting", Wait, Disagreement)
 
 
+def check_page(path: Path) -> None:
+    """Raise InputError if this is a file already, and not a page that may be written anew."""
+    if not os.path.lexists(path):
+        return
+    try:
+        if not path.is_symlink() and path.is_file():
+            with path.open("rb") as file:
+                if file.read(len(_FIRST_LINE)) == _FIRST_LINE.encode():
+                    return
+    except OSError as error:
+        raise InputError(f"-o {path}: cannot be read: {error.strerror or error}") from None
+    raise InputError(f"-o {path}: is there, and is not a page of a report: name another file")
+
+
 def report_html(report: RunParts) -> str:
     """Return the whole page."""
     title = report.runs[0].title
     parts = map(_run, report.runs)
     return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'{_FIRST_LINE}\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}: report</title>\n"
         f"<style>\n{STYLE.read_text(encoding='utf-8')}</style></head>\n"

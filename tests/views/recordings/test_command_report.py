@@ -91,6 +91,20 @@ def test_what_is_no_summary_ends_with_status_2(tmp_path: Path, content: str, pro
     assert problem in problems
 
 
+def test_a_page_takes_the_place_of_a_page_alone(folder: Path, tmp_path: Path) -> None:
+    """Evidence is not overwritten by a slip of the hand, nor through a link."""
+    page, evidence = tmp_path / "report.html", tmp_path / "summary.json"
+    for _ in range(2):
+        done(recording("report", str(folder / "run"), "-o", str(page)))
+    evidence.write_bytes((folder / "run" / "summary.json").read_bytes())
+    link = tmp_path / "link.html"
+    link.symlink_to(evidence)
+    for output in (evidence, link):
+        problems = " ".join(refused(recording("report", str(tmp_path), "-o", str(output))).split())
+        assert "is there, and is not a page of a report: name another file" in problems
+    assert evidence.read_bytes() == (folder / "run" / "summary.json").read_bytes()
+
+
 def test_of_one_run_alone(folder: Path) -> None:
     both = (str(folder / "run"), str(folder / "run" / "run.mcap"))
     assert "run.mcap" in refused(recording("report", *both))

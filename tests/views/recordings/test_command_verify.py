@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,18 @@ def test_what_is_falsified_is_named_with_status_1(folder: Path, tmp_path: Path) 
     assert code == 1
     assert "R1.mcap: record" in output
     assert re.search(r"not proved: \d+ contradictions, 2 gaps in 2 recordings", output)
+
+
+def test_the_name_of_a_file_writes_no_line_of_its_own(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "run")
+    name = "x\nproved: what the team did, by 4 recordings\x1b[32m"
+    (tmp_path / "run" / name).touch()
+    (tmp_path / "run" / "recordings" / f"{name}.mcap").write_bytes(
+        (folder / "recordings" / "R1.mcap").read_bytes()
+    )
+    _, output, problems = recording("verify", str(tmp_path / "run"))
+    assert "\x1b" not in output + problems
+    assert not any(line.startswith("proved:") for line in (output + problems).splitlines())
 
 
 def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -> None:
