@@ -16,7 +16,7 @@ from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.world.faults import Operate
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
-from mrbt_mesh.testing import Submit
+from mrbt_mesh.testing import MissionRun, SetPriority, Submit
 from mrbt_mesh.testing import run as run_team
 from tests.support.effort import seeds
 
@@ -148,46 +148,75 @@ FOUR_ROBOTS = """
 mission: far
 ends: never
 travel:
-  places: {here: [0, 4], far: [21, 18]}
+  places: {places}
   speed: 1
-  start: {R1: here, R2: here, R3: here, R4: here}
-  overtaking: 0
+  start: {{R1: p0, R2: p0, R3: p0, R4: p0}}
+  overtaking: {overtaking}
+  objective: {objective}
 local_tasks:
-  lift: {parameters: [p], work: 8, at: $p}
-  look: {parameters: [p], work: 1, at: $p}
-robot_types: {r: {capabilities: {lift: 1, look: 1}}}
-robots: {R1: r, R2: r, R3: r, R4: r}
+  lift: {{parameters: [p], work: 8, at: $p}}
+  look: {{parameters: [p], work: 1, at: $p}}
+robot_types: {{r: {{capabilities: {{lift: 1, look: 1}}}}}}
+robots: {{R1: r, R2: r, R3: r, R4: r}}
 global_tasks:
-  lift_it: {parameters: [p], needs: {lift($p): {min: 1}}}
-  look_at: {parameters: [p], needs: {look($p): {min: 1}}}
+  lift_it: {{parameters: [p], needs: {{lift($p): {{min: 1}}}}}}
+  look_at: {{parameters: [p], needs: {{look($p): {{min: 1}}}}}}
+  lift_both: {{parameters: [p], simultaneous: true, needs: {{lift($p): {{min: 2}}}}}}
 jobs:
-  lifting: {parameters: {p: place}, tree: lift_it($p)}
-  looking: {parameters: {p: place}, tree: look_at($p)}
-  both: {parameters: {p: place, q: place}, tree: {Sequence: [lift_it($p), look_at($q)]}}
-tree: {Jobs: {types: all, at_most: 40}}
+  lifting: {{parameters: {{p: place}}, tree: lift_it($p)}}
+  looking: {{parameters: {{p: place}}, tree: look_at($p)}}
+  heavy: {{parameters: {{p: place}}, tree: lift_both($p)}}
+  both: {{parameters: {{p: place, q: place}}, tree: {{Sequence: [lift_it($p), look_at($q)]}}}}
+tree: {{Jobs: {{types: all, at_most: 40}}}}
 """
+
+
+def run_four(folder: Path, seed: int, commands: list[Any], **travel: Any) -> MissionRun:
+    """Run a team of four equal robots until all jobs have ended; no invariant may break."""
+    mission, program = folder / "mission.yaml", RobotProgram()
+
+    @program.local_task("*")
+    async def work(task: TaskContext, *_: str) -> None:
+        await anyio.sleep(task.simulation.duration_s)
+
+    mission.write_text(FOUR_ROBOTS.format(**travel), encoding="utf-8")
+    found = run_team(mission, program, seed=seed, commands=commands, until_jobs_end=True)
+    assert {job.state for job in found.jobs} == {"succeeded"}
+    return found
 
 
 def test_a_robot_that_turned_round_for_nothing_sets_out_once_more(tmp_path: Path) -> None:
     """While it was on its way to a task, another robot would do that earlier; while it was idle, it
     would overtake the task. So it set out and turned round 57 times in half a second.
     """
-    mission, program = tmp_path / "mission.yaml", RobotProgram()
-
-    @program.local_task("*")
-    async def work(task: TaskContext, *_: str) -> None:
-        await anyio.sleep(task.simulation.duration_s)
-
-    mission.write_text(FOUR_ROBOTS, encoding="utf-8")
     handed_in = [
-        (1.0, Submit("lifting", ["far"], id="j0", priority=5)),
-        (12.072, Submit("lifting", ["far"], id="j2")),
-        (25.18, Submit("looking", ["here"], id="j3")),
-        (33.774, Submit("both", ["here", "here"], id="j4")),
-        (33.774, Submit("looking", ["far"], id="j5")),
-        (33.774, Submit("lifting", ["here"], id="j6")),
+        (1.0, Submit("lifting", ["p1"], id="j0", priority=5)),
+        (12.072, Submit("lifting", ["p1"], id="j2")),
+        (25.18, Submit("looking", ["p0"], id="j3")),
+        (33.774, Submit("both", ["p0", "p0"], id="j4")),
+        (33.774, Submit("looking", ["p1"], id="j5")),
+        (33.774, Submit("lifting", ["p0"], id="j6")),
     ]
-    found = run_team(mission, program, seed=6, commands=handed_in, until_jobs_end=True)
-    assert {job.state for job in found.jobs} == {"succeeded"}
+    places = "{p0: [0, 4], p1: [21, 18]}"
+    found = run_four(tmp_path, 6, handed_in, places=places, overtaking=0, objective="makespan")
     counts = Counter(each["robot"] for each in found.whole.events if each["event"] == "start")
     assert max(counts.values()) <= 4, counts
+
+
+@pytest.mark.parametrize("seed", [0, 3035])
+def test_a_robot_may_wait_for_a_partner_that_waits_for_something_else(
+    tmp_path: Path, seed: int
+) -> None:
+    """By the schedule the partner first does a task that is not asked for yet, so it is idle."""
+    handed_in = [
+        (1.0, Submit("heavy", ["p1"], id="j0")),
+        (1.0, Submit("both", ["p0", "p1"], id="j1", priority=5)),
+        (1.475, Submit("heavy", ["p0"], id="j2", priority=3)),
+        (1.906, Submit("heavy", ["p3"], id="j4", priority=5)),
+        (1.906, Submit("lifting", ["p3"], id="j5")),
+        (1.906, Submit("both", ["p0", "p1"], id="j8")),
+        (26.703, SetPriority("j2", 0)),
+    ]
+    places = "{p0: [0, 25], p1: [23, 5], p2: [15, 11], p3: [20, 17]}"
+    aim = {"overtaking": 5, "objective": "mean_completion"}
+    run_four(tmp_path, seed, handed_in, places=places, **aim)

@@ -184,7 +184,8 @@ def _is_at_work(agent: AgentView, plan: Plan, claim: Claim) -> bool:
     step = plan.ahead.step_of(claim.activation) if plan.ahead is not None else None
     if plan.ahead is not None and step is not None:
         later = set(plan.ahead.members(step)) - set(partners)
-        is_gathering |= not later.isdisjoint(plan.assignments)
+        next_steps = plan.ahead.next_steps
+        is_gathering |= any(r in plan.assignments or next_steps[r] is not step for r in later)
     moves = claim.phase in (Phase.RUNNING, Phase.TRAVELLING)
     return moves or (claim.phase is Phase.READY and is_gathering)
 
