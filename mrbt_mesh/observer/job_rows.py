@@ -260,4 +260,20 @@ def _reasons(plan: Plan | None) -> dict[str, str]:
         job = parse_activation(waiting.activation).job
         if job:
             found.setdefault(job, waiting.reason)
+    return found | _scheduled(plan, found)
+
+
+def _scheduled(plan: Plan | None, known: Collection[str]) -> dict[str, str]:
+    """Job -> the robots that the schedule has for its first request, if they do other work first.
+
+    Without jobs that are `known` to wait for something else.
+    """
+    found: dict[str, str] = {}
+    if plan is None or plan.ahead is None:
+        return found
+    begun = {each.activation for each in plan.assignments.values()}
+    for request in plan.evaluation.requests:
+        step, job = plan.ahead.step_of(request.activation), parse_activation(request.activation).job
+        if job and job not in known and step is not None and request.activation not in begun:
+            found.setdefault(job, f"for {', '.join(plan.ahead.members(step))}, by the schedule")
     return found

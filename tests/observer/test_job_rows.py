@@ -88,7 +88,7 @@ def test_a_job_whose_end_nobody_has_confirmed_says_so() -> None:
     (_, context), rows = desk(), JobRows()
     context.facts.map.merge([submission(name, "inspect", "shelf_1", stamp=1) for name in "ab"])
     evaluation = SimpleNamespace(job_ends=(JobEnded("a", True, ()),))
-    plan: Any = SimpleNamespace(evaluation=evaluation, waiting=())
+    plan: Any = SimpleNamespace(evaluation=evaluation, waiting=(), ahead=None)
     found = {row.id: (row.state, row.why) for row in rows.update(context.facts, plan, ())}
     assert found == {"a": ("waiting", UNCONFIRMED), "b": ("waiting", "")}
 

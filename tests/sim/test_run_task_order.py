@@ -220,3 +220,27 @@ def test_a_robot_may_wait_for_a_partner_that_waits_for_something_else(
     places = "{p0: [0, 25], p1: [23, 5], p2: [15, 11], p3: [20, 17]}"
     aim = {"overtaking": 5, "objective": "mean_completion"}
     run_four(tmp_path, seed, handed_in, places=places, **aim)
+
+
+def test_a_job_that_waits_by_the_schedule_says_for_whom(tmp_path: Path) -> None:
+    handed_in = [
+        (1.0, Submit("both", ["p1", "p0"], id="high", priority=3)),
+        (1.0, Submit("lifting", ["p0"], id="low")),
+        (1.0, Submit("lifting", ["p0"], id="next")),
+        *((1.0, Submit("lifting", ["p0"], id=f"last{number}")) for number in range(4)),
+    ]
+    places = "{p0: [2, 4], p1: [4, 2]}"
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(FOUR_ROBOTS.format(places=places, overtaking=5, objective="makespan"))
+    program = RobotProgram()
+
+    @program.local_task("*")
+    async def work(task: TaskContext, *_: str) -> None:
+        await anyio.sleep(task.simulation.duration_s)
+
+    found = run_team(mission, program, seed=1, commands=handed_in, timeout_s=5)
+    waiting = {job.id: job.why for job in found.jobs if job.state == "waiting"}
+    assert waiting
+    assert all(
+        why.startswith("for R") and why.endswith("by the schedule") for why in waiting.values()
+    )
