@@ -389,10 +389,9 @@ def _last_message(path: Path, run: str) -> tuple[int, bytes] | None:
 
 def _read_file(path: Path, checks_schemas: bool) -> Recording:
     try:
-        file = open_regular(path)
+        return _read(open_regular(path), path, checks_schemas)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return _read(file, path, checks_schemas)
 
 
 def parse_recording(content: bytes, path: Path) -> Recording:
@@ -402,11 +401,8 @@ def parse_recording(content: bytes, path: Path) -> Recording:
 
 def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
     reading = _Reading(file, checks_schemas)
-    try:
-        end = reading.read()
-        has_more = end < reading.size and reading.has_message_behind(end)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+    end = reading.read()
+    has_more = end < reading.size and reading.has_message_behind(end)
     if reading.metadata is None:
         if reading.is_empty:
             text = "it was cut off before its first record"
@@ -417,6 +413,10 @@ def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
         metadata = RunMetadata.from_values(reading.metadata)
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
+    try:
+        _ = metadata.team_digest
+    except (ValueError, TypeError, AttributeError, LookupError, RecursionError):
+        raise RecordingError(f"{path}: the mission in its metadata is damaged") from None
     if metadata.to_values() != reading.metadata:
         reading.damage.insert(0, Damage(0, "its metadata are not those that mrbt writes"))
     cut_off = None if reading.is_closed else end

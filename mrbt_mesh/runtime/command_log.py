@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import open_regular
+from mrbt_mesh.runtime.job_requests import MAX_UNIX_US
 from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir, RunDirError
 
@@ -183,7 +184,9 @@ def _noted(
         again = signed | ({"signer": signer, "signature": signature} if signer else {})
         is_whole = json.dumps(again).encode() == line
         proof = bytes.fromhex(signature)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        if not 0 <= float(data["unix_s"]) <= MAX_UNIX_US / 1e6:
+            raise ValueError("no clock shows this")
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         return NotedCommand(number, None, "", "", problem="is not a command that mrbt has noted")
     problem = ""
     if not is_whole:

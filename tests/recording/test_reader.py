@@ -112,6 +112,19 @@ def test_no_bytes_behind_a_recording_end_the_reader(content: bytes, more: bytes)
     assert len(parse_recording(cut + more, Path("x")).records) <= 1
 
 
+@pytest.mark.parametrize("wrong", [b'["compiled"', b"[1,        ", b"[]"])
+def test_a_mission_that_is_damaged_is_damage_of_the_metadata(content: bytes, wrong: bytes) -> None:
+    changed = content.replace(b'{"compiled"', wrong.ljust(11), 1)
+    with pytest.raises(RecordingError, match="x: "):
+        parse_recording(changed, Path("x"))
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="there is no such file here")
+def test_a_file_that_cannot_be_read_is_named() -> None:
+    with pytest.raises(RecordingError, match="/proc/self/mem: cannot be read: Invalid argument"):
+        read_recording(Path("/proc/self/mem"))
+
+
 @pytest.mark.timeout(20)
 def test_a_pipe_is_refused_and_nobody_is_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mcap")

@@ -91,6 +91,13 @@ def test_a_line_that_was_cut_off_does_not_spoil_the_next(run_dir: RunDir) -> Non
     ]
 
 
+@pytest.mark.parametrize("unix_s", ["1e12", "-1e300", "1e18", "9" * 400, "NaN", "-1"])
+def test_a_time_that_no_clock_shows_is_no_command_of_mrbt(unix_s: str) -> None:
+    line = f'{{"unix_s": {unix_s}, "by": "a", "command": "b", "after": ""}}\n'.encode()
+    (found,) = noted_commands(line, "run1", None)
+    assert (found.unix_s, found.problem) == (None, "is not a command that mrbt has noted")
+
+
 def test_a_robots_key_notes_nothing(run_dir: RunDir) -> None:
     """Its signature is no operator's."""
     (run_dir.keys_path / "root.key").unlink()
