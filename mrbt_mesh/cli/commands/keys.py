@@ -57,6 +57,8 @@ def init(folder: Path, **names: tuple[str, ...]) -> None:
     from mrbt_mesh.core.membership.keys import Role
     from mrbt_mesh.runtime.key_folder import TEAM_FILE, KeyFolder
 
+    if not names["robots"]:
+        raise InputError("--robots names none: a team has at least one robot")
     members: dict[str, Role] = {}
     for role in (Role.ROBOT, Role.OPERATOR, Role.OBSERVER, Role.ROUTER):
         for name in names[f"{role}s"]:

@@ -44,3 +44,9 @@ def test_what_cannot_be_is_said(tmp_path: Path) -> None:
     ):
         code, _, problems = mrbt("keys", *arguments)
         assert (code, problem in problems) == (2, True), problems
+
+
+def test_a_team_has_robots(tmp_path: Path) -> None:
+    problems = refused(mrbt("keys", "init", str(tmp_path / "keys"), "--robots", ""))
+    assert "--robots names none: a team has at least one robot" in problems
+    assert not (tmp_path / "keys").exists()
