@@ -47,6 +47,11 @@ def chosen(paths: Sequence[Path]) -> ChosenRecordings:
             raise InputError(f"{path} holds no recordings: was its run started with --no-record?")
         files += first_parts(found)
         run_dir = run_dir or path
+    taken: set[Path] = set()
+    for file in files:
+        if file.resolve() in taken:
+            raise InputError(f"{file} is given twice: name each recording once")
+        taken.add(file.resolve())
     recordings: list[Recording] = []
     empty: list[EmptyRecordingError] = []
     for file in files:

@@ -68,6 +68,16 @@ def test_the_name_of_a_file_writes_no_line_of_its_own(folder: Path, tmp_path: Pa
     assert not any(line.startswith("proved:") for line in (output + problems).splitlines())
 
 
+def test_a_recording_counts_once(folder: Path, tmp_path: Path) -> None:
+    """Given twice it would seem to be confirmed by another one."""
+    one = folder / "recordings" / "R1.mcap"
+    link = tmp_path / "again.mcap"
+    link.symlink_to(one)
+    for given in ((folder, folder), (folder, one), (one, link)):
+        problems = " ".join(refused(recording("verify", *map(str, given))).split())
+        assert "is given twice: name each recording once" in problems
+
+
 def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -> None:
     for path, problem in ((EXPLORE, "is not an mrbt recording"), (str(tmp_path), "no recordings")):
         assert problem in refused(recording("verify", path))
