@@ -188,7 +188,7 @@ def _put_steps(
         ahead.schedule or (), course.begins_ms, course.ends_ms, strict=True
     ):
         each, members = ahead.opens[step.task], ahead.members(step)
-        for demand, robots in zip(each.group, step.coalition, strict=True):
+        for demand, robots in zip(each.group, step.crew, strict=True):
             for robot in (ahead.robots[number] for number in robots):
                 steps[robot].append(
                     ExpectedStep(

@@ -20,7 +20,7 @@ NAMED = {
     "bids": (62, 13),
     "constraints": (33, 12),
     "contact": (0, 0),
-    "exclusive": (219, 67),
+    "exclusive": (191, 66),
     "jobs": (215, 73),
     "keys": (126, 35),
     "large_teams": (11, 3),

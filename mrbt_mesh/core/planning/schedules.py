@@ -35,8 +35,8 @@ from mrbt_mesh.core.scheduling.order import (
     overtaken,
 )
 from mrbt_mesh.core.scheduling.problem import (
-    Coalition,
     Course,
+    Crew,
     Schedule,
     SchedulingNeed,
     SchedulingProblem,
@@ -90,7 +90,7 @@ class Lookahead:
         """Robot -> the first step of the schedule in force that it has a part in."""
         found: dict[str, Step] = {}
         for step in self.schedule or ():
-            for robots in step.coalition:
+            for robots in step.crew:
                 for robot in robots:
                     found.setdefault(self.robots[robot], step)
         return found
@@ -113,7 +113,7 @@ class Lookahead:
 
     def members(self, step: Step) -> list[str]:
         """The robots of a step, sorted by id."""
-        return sorted(self.robots[robot] for robots in step.coalition for robot in robots)
+        return sorted(self.robots[robot] for robots in step.crew for robot in robots)
 
     def proposal(self, schedule: Schedule) -> Proposal:
         """A schedule of this problem as a fact."""
@@ -122,7 +122,7 @@ class Lookahead:
             tuple(
                 ProposedStep(
                     self.opens[step.task].request.activation,
-                    tuple(tuple(names[robot] for robot in robots) for robots in step.coalition),
+                    tuple(tuple(names[robot] for robot in robots) for robots in step.crew),
                 )
                 for step in schedule
             )
@@ -145,7 +145,7 @@ class Lookahead:
 
     def mended(self, proposal: Proposal) -> Dispatched:
         """What a proposal comes to now: a schedule of all that is open."""
-        hints: dict[int, Coalition] = {}
+        hints: dict[int, Crew] = {}
         numbers = {robot: number for number, robot in enumerate(self.robots)}
         for step in proposal.steps:
             task = self.numbers.get(step.activation)
@@ -158,7 +158,7 @@ class Lookahead:
 
     def _crew(
         self, task: int, proposed: Sequence[Sequence[str]], numbers: Mapping[str, int]
-    ) -> Coalition:
+    ) -> Crew:
         """The robots that are there, of those proposed, as many as each need still lacks."""
         crew, taken = [], set[int]()
         for index, need in enumerate(self.problem.tasks[task].needs):
@@ -184,7 +184,7 @@ class Lookahead:
 
     def overtaken_by(self, robot: str, activation: str) -> list[str]:
         """The tasks that a robot overtakes when it begins this now, by the schedule in force; or as
-        the last one of a coalition, after which the task is not open any more.
+        the last one of a crew, after which the task is not open any more.
         """
         own, number = self.order.get(activation), self.numbers.get(activation)
         if own is None or robot not in self.robots or not self.problem.has_order:
@@ -256,7 +256,7 @@ def by_schedule(mission: Mission, ahead: Lookahead, demands: Sequence[Group]) ->
             result.append(tuple(_only(each, each.candidates.keys() - taken) for each in group))
             continue
         narrowed = []
-        for demand, members in zip(group, step.coalition, strict=True):
+        for demand, members in zip(group, step.crew, strict=True):
             robots = {name for r in members if due.get(name := ahead.robots[r]) == index}
             count = len(robots) + len(demand.pinned)
             narrowed.append(replace(_only(demand, robots), lower=count, upper=count))

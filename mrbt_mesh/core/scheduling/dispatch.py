@@ -1,7 +1,7 @@
 """From an order of tasks to a schedule: each task in turn takes the robots that suit it best.
 
 A serial schedule generation scheme (Kolisch, 1996): every order leads to a schedule that can be
-carried out. So a search looks through orders, and coalitions follow.
+carried out. So a search looks through orders, and crews follow.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 from mrbt_mesh.core.scheduling.problem import (
-    Coalition,
+    Crew,
     Rank,
     Schedule,
     SchedulingNeed,
@@ -33,7 +33,7 @@ class Dispatched(NamedTuple):
 Offer: TypeAlias = tuple[int, int, int]
 _NEVER_MS = 1 << 62
 _THERE_MS, _ROBOT = itemgetter(1), itemgetter(2)
-_NO_HINTS: Mapping[int, Coalition] = {}
+_NO_HINTS: Mapping[int, Crew] = {}
 
 
 class Dispatcher:
@@ -73,9 +73,7 @@ class Dispatcher:
         self._at = list(problem.at)
         self._ways_ms = [problem.travel_ms[robot][place] for robot, place in enumerate(self._at)]
 
-    def dispatch(
-        self, order: Sequence[int], hints: Mapping[int, Coalition] = _NO_HINTS
-    ) -> Dispatched:
+    def dispatch(self, order: Sequence[int], hints: Mapping[int, Crew] = _NO_HINTS) -> Dispatched:
         """Give robots to each task, in this order; a task after others has its turn after them.
 
         A task takes the robots with which it ends earliest, and of those for whom that makes no
@@ -96,8 +94,8 @@ class Dispatcher:
             place = task.place
             hint = hints.get(number)
             if hint is None and is_simple[number]:
-                coalition, begin_ms, works_ms = self._gather(number, leaves_ms)
-                for (robot,), work_ms in zip(coalition, works_ms, strict=True):
+                crew, begin_ms, works_ms = self._gather(number, leaves_ms)
+                for (robot,), work_ms in zip(crew, works_ms, strict=True):
                     free_ms[robot] = begin_ms + work_ms
                 last_ms = begin_ms + max(works_ms)
             else:
@@ -112,18 +110,16 @@ class Dispatcher:
                     for end_ms, there_ms, robot in offers:
                         free_ms[robot] = own_ms = end_ms + max(0, begin_ms - there_ms)
                         last_ms = max(last_ms, own_ms)
-                coalition = tuple([tuple(map(_ROBOT, offers)) for offers in chosen])
+                crew = tuple([tuple(map(_ROBOT, offers)) for offers in chosen])
             if place is not None:
-                for robots in coalition:
+                for robots in crew:
                     for robot in robots:
                         at[robot], ways_ms[robot] = place, travel_ms[robot][place]
             ended_ms[number] = last_ms
-            steps.append(Step(number, coalition))
+            steps.append(Step(number, crew))
         return Dispatched(tuple(steps), *value_of(problem, steps, free_ms, at, ended_ms))
 
-    def crew(
-        self, number: int, robots: Collection[int], hint: Coalition | None = None
-    ) -> Coalition | None:
+    def crew(self, number: int, robots: Collection[int], hint: Crew | None = None) -> Crew | None:
         """The robots, of these, with which a task ends earliest if they set out for it now, among
         them those of the hint; None if they are too few.
         """
@@ -135,7 +131,7 @@ class Dispatcher:
         return tuple(tuple(map(_ROBOT, offers)) for offers in chosen)
 
     def _completed(
-        self, number: int, leaves_ms: int, hint: Coalition, among: Collection[int] | None = None
+        self, number: int, leaves_ms: int, hint: Crew, among: Collection[int] | None = None
     ) -> list[list[Offer]]:
         """`_choose` with some robots given, and others only of those in `among`."""
         needs, given = self._needs[number], {robot for robots in hint for robot in robots}
@@ -163,7 +159,7 @@ class Dispatcher:
             chosen = [own + more for own, more in zip(chosen, found, strict=True)]
         return chosen
 
-    def _gather(self, number: int, leaves_ms: int) -> tuple[Coalition, int, list[int]]:
+    def _gather(self, number: int, leaves_ms: int) -> tuple[Crew, int, list[int]]:
         """`_choose` for robots that gather, one for each need; when the task begins, and for how
         long each robot works.
         """
@@ -186,7 +182,7 @@ class Dispatcher:
             gathered_ms = max(gathered_ms, first_there_ms)
             longest_ms = max(longest_ms, first_work_ms)
             every.append(arrivals)
-        coalition, works_ms, begin_ms = [], [], 0
+        crew, works_ms, begin_ms = [], [], 0
         for (_, able), arrivals in zip(self._needs[number], every, strict=True):
             latest_ms = -1
             for (robot, work_ms), there_ms in zip(able, arrivals, strict=True):
@@ -194,8 +190,8 @@ class Dispatcher:
                     latest_ms, chosen, chosen_work_ms = there_ms, robot, work_ms
             begin_ms = max(begin_ms, latest_ms)
             works_ms.append(chosen_work_ms)
-            coalition.append((chosen,))
-        return tuple(coalition), begin_ms, works_ms
+            crew.append((chosen,))
+        return tuple(crew), begin_ms, works_ms
 
     def _choose(self, number: int, leaves_ms: int) -> list[list[Offer]]:
         """For each need of a task the offers that it takes, of robots that may leave by then."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher
-from mrbt_mesh.core.scheduling.problem import Coalition, SchedulingProblem, Step
+from mrbt_mesh.core.scheduling.problem import Crew, SchedulingProblem, Step
 
 NO_DEADLINE_MS = 1 << 62
 
@@ -46,10 +46,10 @@ def _at_once(
     problem: SchedulingProblem,
     dispatcher: Dispatcher,
     order: Sequence[int],
-    hints: Mapping[int, Coalition],
+    hints: Mapping[int, Crew],
 ) -> Dispatched:
     """Robots that can begin something do. Those on their way turn round only for priority."""
-    tasks, begun = problem.tasks, dict[int, Coalition]()
+    tasks, begun = problem.tasks, dict[int, Crew]()
     idle = set(range(len(problem.free_ms))) - problem.at_work
     for number in order:
         task = tasks[number]
@@ -80,7 +80,7 @@ def onward(
     problem: SchedulingProblem,
     dispatcher: Dispatcher,
     order: Sequence[int],
-    hints: Mapping[int, Coalition],
+    hints: Mapping[int, Crew],
 ) -> Dispatched:
     """`in_order`, with what robots that are fixed have set out for at the front."""
     goals = {problem.under_way[robot] for robot in problem.fixed}
@@ -93,7 +93,7 @@ def in_order(
     problem: SchedulingProblem,
     dispatcher: Dispatcher,
     order: Sequence[int],
-    hints: Mapping[int, Coalition],
+    hints: Mapping[int, Crew],
 ) -> Dispatched:
     """The schedule of these tasks in this order, as far as the order of tasks allows it; those that
     are missing come last. `hints`: as `Dispatcher.dispatch` takes them.
@@ -103,7 +103,7 @@ def in_order(
     if not problem.has_order:
         return found
     asked = [number for number in problem.in_order if problem.tasks[number].is_asked]
-    front: dict[int, Coalition] = {}
+    front: dict[int, Crew] = {}
     steps = list(found.schedule)
     # What is mended may be what makes another one possible.
     for _ in asked:
@@ -119,7 +119,7 @@ def in_order(
     if not front:
         return found
     return dispatcher.dispatch(
-        [step.task for step in steps], {step.task: step.coalition for step in steps}
+        [step.task for step in steps], {step.task: step.crew for step in steps}
     )
 
 
@@ -146,8 +146,8 @@ def overtakers(
 def first_tasks(problem: SchedulingProblem, steps: Iterable[Step]) -> dict[int, int]:
     """Robot that is not at work -> its first task, if that is asked for."""
     found: dict[int, int] = {}
-    for number, coalition in steps:
-        for robot in _robots(coalition):
+    for number, crew in steps:
+        for robot in _robots(crew):
             found.setdefault(robot, number)
     return {
         robot: number
@@ -209,7 +209,7 @@ def could_begin(
 
 def _overdue(
     problem: SchedulingProblem, dispatcher: Dispatcher, steps: Sequence[Step], number: int
-) -> Coalition | None:
+) -> Crew | None:
     """The robots that are to begin a task now, if others would overtake it that must not."""
     first, spare = first_tasks(problem, steps), problem.tasks[number].spare
     lower, later, free = overtaken(problem, dispatcher, first, number)
@@ -221,9 +221,7 @@ def _overdue(
     return dispatcher.crew(number, others, own) or dispatcher.crew(number, free, own)
 
 
-def _under_way_to(
-    problem: SchedulingProblem, number: int, among: Iterable[int]
-) -> Coalition | None:
+def _under_way_to(problem: SchedulingProblem, number: int, among: Iterable[int]) -> Crew | None:
     """The robots that have set out to a task, for its needs; None if there are none."""
     robots = sorted(robot for robot, goal in problem.under_way.items() if goal == number)
     if among:
@@ -236,5 +234,5 @@ def _under_way_to(
     return tuple(found) if any(found) else None
 
 
-def _robots(coalition: Coalition) -> list[int]:
-    return [robot for robots in coalition for robot in robots]
+def _robots(crew: Crew) -> list[int]:
+    return [robot for robots in crew for robot in robots]

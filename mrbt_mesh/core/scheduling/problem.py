@@ -104,14 +104,14 @@ class SchedulingProblem:
 
 
 # The robots for each need of a task.
-Coalition: TypeAlias = tuple[tuple[int, ...], ...]
+Crew: TypeAlias = tuple[tuple[int, ...], ...]
 
 
 class Step(NamedTuple):
     """One task of a schedule."""
 
     task: int
-    coalition: Coalition
+    crew: Crew
 
 
 # Each robot does its tasks in this order. No task comes before one that it is after.
@@ -166,16 +166,16 @@ def course_of(problem: SchedulingProblem, schedule: Schedule) -> Course:
     free_ms, at = list(problem.free_ms), list(problem.at)
     ended_ms: dict[int, int] = {}
     begins_ms = []
-    for number, coalition in schedule:
-        task = _task_of(problem, number, coalition, ended_ms)
+    for number, crew in schedule:
+        task = _task_of(problem, number, crew, ended_ms)
         leaves_ms = max([task.ready_ms, *(ended_ms[each] for each in task.after)])
         arrivals_ms = {
             robot: max(free_ms[robot], leaves_ms) + _way_ms(problem, robot, at[robot], task.place)
-            for robots in coalition
+            for robots in crew
             for robot in robots
         }
         all_are_there_ms = max(arrivals_ms.values())
-        for need, robots in zip(task.needs, coalition, strict=True):
+        for need, robots in zip(task.needs, crew, strict=True):
             for robot in robots:
                 begin_ms = all_are_there_ms if task.is_together else arrivals_ms[robot]
                 free_ms[robot] = begin_ms + need.work_ms[robot]
@@ -214,10 +214,10 @@ def value_of(
 def turning(problem: SchedulingProblem, schedule: Sequence[Step]) -> set[int]:
     """The robots that turn round on their way, but for a task with priority."""
     left, found, tasks = dict(problem.under_way), set[int](), problem.tasks
-    for number, coalition in schedule:
+    for number, crew in schedule:
         if not left:
             break
-        for robots in coalition:
+        for robots in crew:
             for robot in robots:
                 goal = left.pop(robot, number)
                 if goal != number and tasks[number].level >= tasks[goal].level:
@@ -240,7 +240,7 @@ def _way_ms(problem: SchedulingProblem, robot: int, origin: int, goal: int | Non
 
 
 def _task_of(
-    problem: SchedulingProblem, number: int, coalition: Coalition, ended_ms: Mapping[int, int]
+    problem: SchedulingProblem, number: int, crew: Crew, ended_ms: Mapping[int, int]
 ) -> SchedulingTask:
     """The task of a step. Raises ValueError if the problem does not allow the step."""
     if not 0 <= number < len(problem.tasks) or number in ended_ms:
@@ -248,10 +248,10 @@ def _task_of(
     task = problem.tasks[number]
     if not ended_ms.keys() >= set(task.after):
         raise ValueError(f"task {number} comes before one that it is after")
-    robots = [robot for each in coalition for robot in each]
-    is_served = len(coalition) == len(task.needs) and all(
+    robots = [robot for each in crew for robot in each]
+    is_served = len(crew) == len(task.needs) and all(
         len(each) == need.robots and need.work_ms.keys() >= set(each)
-        for need, each in zip(task.needs, coalition, strict=True)
+        for need, each in zip(task.needs, crew, strict=True)
     )
     if not is_served or not robots or len(set(robots)) < len(robots):
         raise ValueError(f"task {number} needs other robots")

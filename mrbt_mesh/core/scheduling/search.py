@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher
-from mrbt_mesh.core.scheduling.problem import Coalition, SchedulingProblem, SchedulingTask
+from mrbt_mesh.core.scheduling.problem import Crew, SchedulingProblem, SchedulingTask
 
 # The first threshold, as a part of the cost: the best of 1/50 to 1/400 on published cases.
 THRESHOLD_PART = 80
-Dispatch: TypeAlias = Callable[[Sequence[int], Mapping[int, Coalition]], Dispatched]
+Dispatch: TypeAlias = Callable[[Sequence[int], Mapping[int, Crew]], Dispatched]
 # Of so few tasks all orders that matter are soon tried. Then it is also changed who does them, with
 # a threshold by which random missions of six tasks came closest to the best schedule. Where tasks
 # arrive one by one and have an order, robots turned to and fro by such schedules.
@@ -50,7 +50,7 @@ def search_steps(
     phases = ((THRESHOLD_PART, False), (THRESHOLD_PART_OF_FEW, True))
     for part, are_robots_changed in phases if are_few else phases[:1]:
         order, rank = [step.task for step in best.schedule], best.rank
-        given, first_threshold = dict[int, Coalition](), rank.cost // part
+        given, first_threshold = dict[int, Crew](), rank.cost // part
         for left in range(evaluations, 0, -1):
             changed, changed_given = order, given
             if are_robots_changed and next(numbers) % 2:
@@ -70,7 +70,7 @@ def _remembered(dispatch: Dispatch) -> Dispatch:
     """The same, which computes nothing twice: few tasks have few orders, which come again."""
     known: dict[tuple[object, ...], Dispatched] = {}
 
-    def found_before(order: Sequence[int], given: Mapping[int, Coalition]) -> Dispatched:
+    def found_before(order: Sequence[int], given: Mapping[int, Crew]) -> Dispatched:
         key = (*order, *sorted(given.items()))
         found = known.get(key)
         if found is None:
@@ -92,8 +92,8 @@ def _changed(order: Sequence[int], numbers: Iterator[int]) -> list[int]:
 
 
 def _otherwise(
-    tasks: Sequence[SchedulingTask], given: Mapping[int, Coalition], numbers: Iterator[int]
-) -> dict[int, Coalition]:
+    tasks: Sequence[SchedulingTask], given: Mapping[int, Crew], numbers: Iterator[int]
+) -> dict[int, Crew]:
     """`given`, the robots that tasks take in any case, with another one for a need of some task; or
     with none for that task, if it has that robot.
     """

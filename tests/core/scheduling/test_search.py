@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
 from mrbt_mesh.core.scheduling.problem import (
-    Coalition,
+    Crew,
     Objective,
     SchedulingNeed,
     SchedulingProblem,
@@ -56,13 +56,13 @@ def drawn(
     )
 
 
-def coalitions(task: SchedulingTask) -> Iterator[Coalition]:
+def crews(task: SchedulingTask) -> Iterator[Crew]:
     return product(*(combinations(sorted(need.work_ms), need.robots) for need in task.needs))
 
 
 def least_cost(problem: SchedulingProblem) -> int:
     """Of all schedules that there are."""
-    choices = [list(coalitions(task)) for task in problem.tasks]
+    choices = [list(crews(task)) for task in problem.tasks]
     numbers, costs = range(len(problem.tasks)), []
     for order in permutations(numbers):
         for chosen in product(*(choices[number] for number in order)):
