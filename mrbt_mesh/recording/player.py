@@ -172,7 +172,7 @@ class Player:
 
     def _show(self, record: RecordedMessage, entry: Entry | None) -> None:
         """Pass a record, and its fact if any, to the observer."""
-        at_us, data, seen = record.at_us, record.data, self.observer.record
+        at_us, data = record.at_us, record.data
         if entry is not None:
             if self._is_new(entry):
                 self.observer.facts_changed([entry], at_us)
@@ -193,7 +193,7 @@ class Player:
         elif record.topic == channels.FAULTS:
             self._fault(data, at_us)
         elif record.topic == channels.DEATHS:
-            seen.death_recorded(*unpack_death(data, at_us))
+            self._death(data, at_us)
 
     def _is_new(self, entry: Entry) -> bool:
         """Merge a fact into the observer's facts; return False if it had the fact already."""
@@ -219,6 +219,14 @@ class Player:
         if data["event"] == "dead":
             incarnation = read_incarnation(data["incarnation"])
             self.observer.record.declared_dead(data["robot"], incarnation, at_us)
+
+    def _death(self, data: Mapping[str, Any], at_us: int) -> None:
+        robot, incarnation, times = unpack_death(data, at_us)
+        known = self.observer.membership.peers.get(robot)
+        if times.detected_us is not None and (known is None or known.incarnation < incarnation):
+            # Others held it for dead before this observer had heard it.
+            self.observer.record.declared_dead(robot, incarnation, at_us)
+        self.observer.record.death_recorded(robot, incarnation, times)
 
     def _missing(self, data: Mapping[str, Any], at_us: int) -> None:
         life, event = (data["robot"], read_incarnation(data["incarnation"])), data["event"]

@@ -115,6 +115,29 @@ def test_each_life_of_a_robot_has_a_death_of_its_own(
     assert deaths_s == [pytest.approx(4, abs=0.1), pytest.approx(9, abs=0.1)]
 
 
+def test_a_robot_that_others_held_for_dead_before_it_was_heard_took_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The observer knew it by its facts and by its death alone, and counted its work."""
+    result = record_example(tmp_path, "explore", 3, [(1_500_000, Kill("R1"))])
+    robot, fault = Player._robot, Player._fault
+
+    def of_others(player: Player, name: str, data: Mapping[str, Any], at_us: int) -> None:
+        if name != "R1":
+            robot(player, name, data, at_us)
+
+    def faults_of_others(player: Player, data: Mapping[str, Any], at_us: int) -> None:
+        if data["robot"] != "R1":
+            fault(player, data, at_us)
+
+    monkeypatch.setattr(Player, "_robot", of_others)
+    monkeypatch.setattr(Player, "_fault", faults_of_others)
+    player = Player(read_recording(observer_file(tmp_path)))
+    player.seek(player.end_us)
+    assert player.summary()["global_tasks"] == result.summary["global_tasks"]
+    assert [each.robot for each in player.observer.record.major] == ["R1"]
+
+
 def recorded(folder: Path, mission: str, schedule: Schedule, seconds: int) -> SimulationResult:
     read = load_mission(EXAMPLES / mission)
     program = load_program(read.program or "")
