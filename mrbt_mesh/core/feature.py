@@ -18,24 +18,28 @@ if TYPE_CHECKING:
 
     from mrbt_mesh.core.agent.context import Context
     from mrbt_mesh.core.agent.health import Health
+    from mrbt_mesh.core.agent.inputs import FeatureInput
     from mrbt_mesh.core.agent.operator_desk import FieldRule
     from mrbt_mesh.core.agent.planner import Planner
     from mrbt_mesh.core.assignment.problem import SideConstraint
-    from mrbt_mesh.core.facts.records import Claim
+    from mrbt_mesh.core.facts.records import Claim, Record
     from mrbt_mesh.core.facts.store import Entry
+    from mrbt_mesh.core.facts.team_facts import TeamFacts
     from mrbt_mesh.core.membership.wire import Heartbeat
-    from mrbt_mesh.core.mission.mission import JobType, Mission
+    from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission
+    from mrbt_mesh.core.planning.capabilities import Worker
     from mrbt_mesh.core.planning.consistency import LimitCheck
-    from mrbt_mesh.core.planning.demands import Demand
-    from mrbt_mesh.core.planning.plan import Plan
+    from mrbt_mesh.core.planning.demands import Demand, Group
+    from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
     from mrbt_mesh.formats.mission_model import MissionModel
     from mrbt_mesh.formats.problems import Report
+    from mrbt_mesh.observer.feature_history import FeatureHistory
     from mrbt_mesh.sim.chaos.feature_chaos import FeatureChaos
     from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
     from mrbt_mesh.sim.checkers.findings import RunFindings
 
 # The packages of the features, in the order in which the kernel calls them.
-NAMES: tuple[str, ...] = ("contact", "constraints")
+NAMES: tuple[str, ...] = ("contact", "constraints", "bids")
 
 
 class CommandField(NamedTuple):
@@ -55,6 +59,9 @@ class Index:
 
     def add(self, entry: Entry) -> None:
         """Take in an entry of one of the feature's kinds; it replaces the one of the same name."""
+
+    def remove(self, entry: Entry) -> None:
+        """An entry is dropped, with all others of its activation."""
 
     def idle(self, reasons: Mapping[str, str]) -> Mapping[str, str]:
         """Why a plan assigns nothing to some of these robots, where the feature knows it better.
@@ -76,6 +83,10 @@ class Part:
     """What a feature adds to one agent. Every method may be left as it is here."""
 
     # -- what comes in ------------------------------------------------------------------------
+
+    def handlers(self) -> Mapping[type[FeatureInput], Callable[[Any, int], object]]:
+        """Inputs of the feature -> what takes them, with the time in us."""
+        return {}
 
     def words(self) -> Mapping[str, Callable[[str, int], tuple[bool, str]]]:
         """Words of operators to this robot -> what carries them out: with the argument and the time
@@ -105,6 +116,9 @@ class Part:
     def may_begin(self, claim: Claim, is_exclusive: bool, now_us: int) -> bool:
         """Whether this robot may begin what it claims, as far as the feature is concerned."""
         return True
+
+    def prepare(self, plan: Plan, now_us: int) -> None:
+        """Do what a new plan asks for before anybody acts by it."""
 
     def perform(self, plan: Plan, now_us: int) -> None:
         """Act by the plan, after this robot's assignment was followed."""
@@ -143,6 +157,63 @@ class Limits(ABC):
         """What decides which of the requests with these demands can be kept."""
 
 
+class PlanPart(ABC):
+    """What a feature adds to one plan, for those who act by it and for people.
+
+    `name`: what it is called in a plan as plain data, as the feature's `in_plan`.
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def to_json(self) -> Sequence[Any]:
+        """Plain data."""
+
+    def deadlines(self, detection_us: int) -> Mapping[str, int]:
+        """Facts that are latched once all plans have shown this for so long: name -> time in us.
+
+        `detection_us`: the detection time of the team.
+        """
+        return {}
+
+    def performance_text(self, assignment: RobotAssignment) -> str:
+        """What to tell people in the place of the performance of an assignment; empty: nothing."""
+        return ""
+
+
+class Offer:
+    """What a feature makes of the demands of one plan.
+
+    `groups`: the demands that the plan is to meet, by request. `part`: what the plan shows of it.
+    """
+
+    awaited_things: ClassVar[str] = ""
+
+    def __init__(self, groups: Sequence[Group], part: PlanPart | None = None) -> None:
+        self.groups = groups
+        self.part = part
+
+    def postponed(
+        self, kept: Sequence[int], assignments: Mapping[str, RobotAssignment]
+    ) -> Mapping[int, tuple[str, ...]]:
+        """The requests that get nobody yet, of those that are kept -> the robots of which something
+        is awaited first, which is called `awaited_things`.
+        """
+        return {}
+
+
+class PlanStep(ABC):
+    """What a feature does in the plans of one mission, after the demands are known."""
+
+    @abstractmethod
+    def offer(self, facts: TeamFacts, groups: Sequence[Group], team: Mapping[str, Worker]) -> Offer:
+        """What it makes of the demands of one plan."""
+
+    def why_unscheduled(self, task: GlobalTask) -> str:
+        """Why no schedule has such a task; empty: the feature does not mind."""
+        return ""
+
+
 class Built(NamedTuple):
     """What is made of a mission file before its features have their turn.
 
@@ -160,11 +231,15 @@ class Feature:
     """One feature. Every method may be left as it is here.
 
     `section`: the name of what a compiled mission has of it, if it has anything.
-    `commands`: the fields that operators command for it.
+    `commands`: the fields that operators command for it. `kinds`: kinds of facts about activations
+    of global tasks, which are dropped with them -> of how many parts their names consist: kind,
+    activation, and so on. `in_plan`: the name of what a plan has of it, if it has anything.
     """
 
     section: ClassVar[str] = ""
     commands: ClassVar[Mapping[str, CommandField]] = {}
+    kinds: ClassVar[Mapping[str, int]] = {}
+    in_plan: ClassVar[str] = ""
 
     # -- the mission --------------------------------------------------------------------------
 
@@ -200,10 +275,22 @@ class Feature:
         """The section of a mission from its file; problems go to the report. Empty: it has none."""
         return None
 
-    # -- facts and agents ---------------------------------------------------------------------
+    # -- facts, plans and agents --------------------------------------------------------------
+
+    def parse(self, kind: str, value: Any) -> Record:
+        """The record of a fact of one of the feature's kinds. Raises ValueError for any other."""
+        raise NotImplementedError
+
+    def refuses(self, entry: Entry, task: GlobalTask) -> str:
+        """Why an activation of this task has no place for a fact of the feature; empty: it has."""
+        return ""
 
     def index(self, mission: Mission) -> Index | None:
         """A new index for the facts of a run of this mission."""
+        return None
+
+    def plan_step(self, mission: Mission) -> PlanStep | None:
+        """What the feature does in the plans of this mission; None: nothing."""
         return None
 
     def parts(self, kit: Kit, before: Sequence[Part], now_us: int) -> Sequence[Part]:
@@ -212,6 +299,12 @@ class Feature:
         `before`: those for the mission before it; those that are not returned are ended.
         """
         return ()
+
+    # -- the observer -------------------------------------------------------------------------
+
+    def history(self, limit: int | None) -> FeatureHistory | None:
+        """What is kept of a run for its summary, at most `limit` rows; None: nothing."""
+        return None
 
     # -- the simulator ------------------------------------------------------------------------
 

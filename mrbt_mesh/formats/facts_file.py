@@ -40,6 +40,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import declared_name, robot_condition
 from mrbt_mesh.errors import nearest
+from mrbt_mesh.features.bids.needs import BID, by_bid
 from mrbt_mesh.formats.file_model import FileModel, one_of, read_model
 from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.tree_model import Scalar
@@ -194,18 +195,18 @@ class _Builder:
         for task, needs in bids.items():
             if not self._is_task(("bids", task), task):
                 continue
-            by_bid = [n.local_task for n in self.mission.global_tasks[task].needs if n.by_bid]
+            named = [n.local_task for n in self.mission.global_tasks[task].needs if by_bid(n)]
             for local_task, rows in needs.items():
                 here = ("bids", task, local_task)
-                if local_task not in by_bid:
-                    text = f"{task} has no bids for {local_task!r}{nearest(local_task, by_bid)}"
+                if local_task not in named:
+                    text = f"{task} has no bids for {local_task!r}{nearest(local_task, named)}"
                     self._report.add(here, text)
                     continue
                 for robot, bid in rows.items():
                     value = None if bid is None else round(bid * MICRO)
                     known = self._is_robot((*here, robot), robot)
                     for activation in self._activations(task) if known else ():
-                        self._write(robot, f"{records.BID}/{activation}/{local_task}", value)
+                        self._write(robot, f"{BID}/{activation}/{local_task}", value)
 
     def _running(self, running: Mapping[str, str]) -> None:
         for robot, task in running.items():

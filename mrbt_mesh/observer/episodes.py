@@ -1,9 +1,9 @@
-"""Parts of a run's record: faults, failures, blocked requests and biddings, with their times."""
+"""Parts of a run's record: faults, failures, blocked requests, with their times."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
@@ -136,18 +136,3 @@ class BlockedEpisode:
     @property
     def is_brief(self) -> bool:
         return self.to_us is not None and self.to_us - self.from_us < BRIEF_US
-
-
-@dataclass(slots=True)
-class BiddingRecord:
-    """The bids for a local task of one activation, in units, and the robots that ran it.
-
-    None: the robot has no bid.
-    """
-
-    activation: str
-    global_task: str
-    local_task: str
-    at_us: int
-    bids: dict[str, float | None] = field(default_factory=dict)
-    robots: set[str] = field(default_factory=set)

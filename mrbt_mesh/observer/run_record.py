@@ -10,7 +10,6 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import (
-    Bid,
     Claim,
     ConditionValue,
     Member,
@@ -23,13 +22,13 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.facts.values import texts_by_reason
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.observer.episodes import (
-    BiddingRecord,
     BlockedEpisode,
     DeathTimes,
     FailedEnd,
@@ -38,6 +37,7 @@ from mrbt_mesh.observer.episodes import (
     ProblemEpisode,
     lost_text,
 )
+from mrbt_mesh.observer.feature_history import FeatureHistory
 from mrbt_mesh.observer.job_log import JobLog
 from mrbt_mesh.observer.mission_rounds import MissionRounds
 from mrbt_mesh.observer.newest import Newest
@@ -53,9 +53,10 @@ class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
 
     `claims` and `conditions`: in order and with their times. `problems`: by robot, and its journal
-    or a part of its program. `joined_us`: when each robot joined first. `rounds`: those of a
-    mission that never ends. `unwatched`: the times during which nothing was heard of the run; None:
-    from its start, whenever that was. `is_catching_up`: news may be as old as that.
+    or a part of its program. `features`: what they keep. `joined_us`: when each robot joined first.
+    `rounds`: those of a mission that never ends. `unwatched`: the times during which nothing was
+    heard of the run; None: from its start, whenever that was. `is_catching_up`: news may be as old
+    as that.
 
     `limit`: how many entries are kept of each list that grows with the work done (`Newest`); faults
     and blocked requests are all kept.
@@ -84,10 +85,13 @@ class RunRecord:
         self.claims = Newest[tuple[int, str, Claim]](limit)
         self.conditions = Newest[tuple[int, str, Value | None]](limit)
         self.problems: dict[tuple[str, str], ProblemEpisode] = {}
-        self.biddings = Newest[BiddingRecord](limit)
         self.joined_us: dict[str, int] = {}
-        # Those that are kept, by activation and local task.
-        self._biddings: dict[tuple[str, str], BiddingRecord] = {}
+        self.features: list[FeatureHistory] = []
+        self._feature_of: dict[str, FeatureHistory] = {}
+        for feature in features():
+            if (history := feature.history(limit)) is not None:
+                self.features.append(history)
+                self._feature_of |= dict.fromkeys(feature.kinds, history)
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
         self.unwatched: list[tuple[int | None, int]] = []
         self.is_catching_up = False
@@ -105,8 +109,9 @@ class RunRecord:
         self.timeline.append((now_us, text))
 
     def _say_heard(self, now_us: int, text: str) -> None:
-        """Add a line about an event that may have happened before the run was watched."""
-        self.say(now_us, f"{text} (earlier)" if self.is_catching_up else text)
+        """Add a line, if there is one, about an event that may be older than this watch."""
+        if text:
+            self.say(now_us, f"{text} (earlier)" if self.is_catching_up else text)
 
     # -- when it is watched ---------------------------------------------------------------
 
@@ -292,6 +297,8 @@ class RunRecord:
         robot = entry.author
         self.task_log.fact(entry)
         self.job_log.fact(entry, now_us, self.is_catching_up)
+        if (history := self._feature_of.get(entry.parts[0])) is not None:
+            self._say_heard(now_us, history.fact(entry, now_us))
         match entry.record:
             case Member() as member:
                 known = self.robots.setdefault(robot, {})
@@ -326,8 +333,6 @@ class RunRecord:
                 self.conditions.append((now_us, name, condition.value))
                 text = self.mission.entry_text(name, condition.value)
                 self._say_heard(now_us, f"{robot}: {name} is {text}")
-            case Bid(number):
-                self._bid(entry, number, now_us)
             case RobotProblem(text):
                 self.problem(robot, entry.parts[1], text, now_us)
             case records.OperatorCommand() as command if entry.parts[0] in _SHOWN_COMMANDS:
@@ -335,20 +340,6 @@ class RunRecord:
                     self.job_log.over(now_us)
                 text = records.command_text(entry.parts, command)
                 self._say_heard(now_us, f"operator {command.operator}: {text}")
-
-    def _bid(self, entry: Entry, number: int | None, now_us: int) -> None:
-        robot = entry.author
-        _, activation, local_task = entry.parts
-        task = parse_activation(activation).subject
-        bidding = self._biddings.get((activation, local_task))
-        if bidding is None:
-            bidding = BiddingRecord(activation, task, local_task, now_us)
-            self._biddings[activation, local_task] = bidding
-            for old in self.biddings.append(bidding):
-                del self._biddings[old.activation, old.local_task]
-        bidding.bids[robot] = None if number is None else number / MICRO
-        words = "has no bid" if number is None else f"bids {number / MICRO:g}"
-        self._say_heard(now_us, f"{robot}: {words} for {local_task}")
 
     def problem(self, robot: str, subject: str, text: str, now_us: int) -> None:
         """A robot's journal, or a part of its program, has this problem; empty: no longer."""
@@ -491,9 +482,8 @@ class RunRecord:
             return
         self.task_log.took_part(robot, claim.activation)
         self.rounds.took_part(robot)
-        bidding = self._biddings.get((claim.activation, claim.local_task))
-        if bidding is not None:
-            bidding.robots.add(robot)
+        for history in self.features:
+            history.begun(robot, claim)
         self._say_heard(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
         for fault in self.major:
             if fault.robot != robot:

@@ -21,15 +21,15 @@ def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
 
     `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never. `exact`: from
     the end of the robot's process, not from its last sign of life. `older`: how many more rounds,
-    failures and bids there were than are listed, if any; the recording has them. `jobs`, where the
-    mission has any, by type: how many have come to which end, the means and maxima of times
-    (`JobTotals`), and on how many each robot has worked.
+    failures and rows of features there were than are listed, if any; the recording has them.
+    `jobs`, where the mission has any, by type: how many have come to which end, the means and
+    maxima of times (`JobTotals`), and on how many each robot has worked.
     """
     record = observer.record
     lists: dict[str, Newest[Any]] = {
         "rounds": record.rounds.all,
         "failures": record.failures,
-        "bids": record.biddings,
+        **{each.name: each.rows for each in record.features},
     }
     older = {name: each.dropped for name, each in lists.items() if each.dropped}
     seconds = record.seconds
@@ -87,16 +87,7 @@ def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
             }
             for (robot, subject), episode in record.problems.items()
         ],
-        "bids": [
-            {
-                "global_task": bidding.global_task,
-                "local_task": bidding.local_task,
-                "at_s": seconds(bidding.at_us),
-                "bids": dict(sorted(bidding.bids.items())),
-                "robots": sorted(bidding.robots),
-            }
-            for bidding in record.biddings
-        ],
+        **{each.name: each.to_json(seconds) for each in record.features},
         **({"older": older} if older else {}),
         **({"ended_because": ABORTED} if observer.facts.order() is TeamOrder.ABORT else {}),
         "takeovers": [

@@ -23,15 +23,13 @@ import anyio.lowlevel
 from mrbt_mesh.core.agent.effects import (
     CancelAction,
     CheckMission,
-    RequestBid,
+    FeatureEffect,
     StartAction,
     UseMission,
 )
 from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
-    BidMade,
-    BidsMade,
     Input,
     MissionChecked,
     ProblemFound,
@@ -49,6 +47,7 @@ from mrbt_mesh.core.mission.mission import (
 )
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name, with_entries
 from mrbt_mesh.core.mission.travel import MAX_MS, MAX_TIMED_PLACES
+from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.backgrounds import BackgroundRunner
 from mrbt_mesh.runtime.context import RobotContext, Simulation, TaskContext
@@ -64,7 +63,7 @@ EXPECTED = (
     "return None or True for success, False for failure, "
     "or {condition: bool} for success with conditions"
 )
-ProgramEffect: TypeAlias = StartAction | CancelAction | RequestBid | CheckMission | UseMission
+ProgramEffect: TypeAlias = StartAction | CancelAction | FeatureEffect | CheckMission | UseMission
 # Cancelled code that still runs after this time is reported.
 CANCEL_LIMIT_S = 5.0
 # The longest that any mission waits for a bid.

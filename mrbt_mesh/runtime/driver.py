@@ -28,13 +28,13 @@ from mrbt_mesh.core.agent.effects import (
     CheckMission,
     DeclareToken,
     Effect,
+    FeatureEffect,
     Forget,
     Log,
     MakePlan,
     Persist,
     Publish,
     Reply,
-    RequestBid,
     SearchSchedule,
     StartAction,
     Stop,
@@ -554,7 +554,7 @@ class Driver:
 
     def _carry_out(self, effect: Effect) -> None:
         match effect:
-            case StartAction() | CancelAction() | RequestBid() | CheckMission() | UseMission():
+            case StartAction() | CancelAction() | FeatureEffect() | CheckMission() | UseMission():
                 self._runner.carry_out(effect)
                 self._save_revision(effect)
             case Publish(kind, data, to):

@@ -9,10 +9,10 @@ import anyio
 import pytest
 
 from mrbt_mesh import ProgramError, RobotProgram, TaskContext
-from mrbt_mesh.core.agent.effects import RequestBid
-from mrbt_mesh.core.agent.inputs import BidMade, BidsMade, Input
+from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import MICRO
+from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program

@@ -9,8 +9,10 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.core.facts.records import CLOSED, Bid, split_name
+from mrbt_mesh.core.facts.records import split_name
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.bids.facts import Bid
+from mrbt_mesh.features.bids.needs import CLOSED
 from mrbt_mesh.sim import Kill, LinkKnobs, NetworkKnobs, Restart, SimulationResult, simulate
 from tests.support.build import action, make_mission, task
 from tests.support.effort import seeds

@@ -21,7 +21,6 @@ from mrbt_mesh.core.facts.records import (
     LATCH,
     AdoptedMission,
     Attempt,
-    Bid,
     ChildResult,
     Claim,
     Coalition,
@@ -38,6 +37,7 @@ from mrbt_mesh.core.facts.records import (
     Proposal,
 )
 from mrbt_mesh.core.facts.values import MAX_STAMP
+from mrbt_mesh.features.bids.facts import Bid
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import SimulationResult, simulate

@@ -17,19 +17,19 @@ Tree = Callable[[dict[str, str]], Path]
 
 # Feature -> how many lines of the kernel name it, and how many of these ask for something.
 NAMED = {
-    "bids": (62, 13),
+    "bids": (8, 2),
     "constraints": (33, 12),
     "contact": (0, 0),
     "exclusive": (191, 66),
     "jobs": (215, 73),
-    "keys": (126, 35),
+    "keys": (125, 35),
     "large_teams": (11, 3),
     "revisions": (180, 51),
-    "travel": (356, 99),
+    "travel": (354, 99),
     "values": (52, 27),
 }
 # Lines of code of the modules that a robot's process imports before it begins.
-LOADED_LINES = 20_684
+LOADED_LINES = 20_591
 # Files that an event enters, and edges between them: the step of an outcome, all of a kill.
 WALKS = {"step": (38, 158), "kill": (45, 190)}
 # Tests of trees, facts, members, planning, assignment and the agent which use no feature that has

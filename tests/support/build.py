@@ -40,6 +40,7 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.features.bids.needs import BID, CLOSED
 
 RUN = "r1"
 SECOND_US = 1_000_000
@@ -224,11 +225,11 @@ class World:
     def bid(self, robot: str, activation: str, local: str, performance: float | None) -> None:
         """A robot bids for a local task of an activation."""
         value = None if performance is None else round(performance * MICRO)
-        self.write(robot, (f"{records.BID}/{activation}/{local}", value))
+        self.write(robot, (f"{BID}/{activation}/{local}", value))
 
     def close(self, activation: str, local: str, robot: str = "R1") -> None:
         """A robot has seen the time for bids pass."""
-        self.write(robot, (f"{records.CLOSED}/{activation}/{local}", True))
+        self.write(robot, (f"{CLOSED}/{activation}/{local}", True))
 
     def claim(
         self, robot: str, activation: str, local: str = "", running: bool = True, since: int = 1

@@ -32,6 +32,7 @@ from mrbt_mesh.core.membership.keys import Keys, make_command
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.bids.messages import RequestBid
 from mrbt_mesh.observer.observer import Observer
 
 # (message, receiver) -> the message in an envelope.
@@ -52,7 +53,7 @@ class Process:
     token: Incarnation | None = None
     router: str = ""
     tickets: list[int] = field(default_factory=list)
-    asked: list[fx.RequestBid] = field(default_factory=list)
+    asked: list[RequestBid] = field(default_factory=list)
     searches: list[fx.SearchSchedule] = field(default_factory=list)
     stops_at_once: bool = True
     is_sealed: bool = False
@@ -248,7 +249,7 @@ class Team:
                 if process.stops_at_once:
                     process.tickets.remove(ticket)
                     self._post(process, inputs.ActionStopped(ticket))
-            case fx.RequestBid(_, _, local_task):
+            case RequestBid(_, _, local_task):
                 process.asked.append(effect)
                 self._tell(process, f"is asked to bid for {local_task}")
             case fx.SearchSchedule():

@@ -44,7 +44,7 @@ from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Durability, Replica
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
-from mrbt_mesh.core.planning import bids, capabilities, demands, make_plan, schedules
+from mrbt_mesh.core.planning import capabilities, demands, make_plan, schedules
 
 Patch = tuple[Any, str, Callable[..., Any]]
 MUTATIONS: dict[str, Callable[[], contextlib.AbstractContextManager[None]]] = {}
@@ -248,12 +248,6 @@ def any_optimum(
 ) -> tuple[int, ...]:
     """The solver's own optimum is taken, not the canonical one."""
     return tuple(optimum)
-
-
-@mutation(bids, "_bidding")
-def bids_not_awaited(original: Any, *given: Any) -> bids.Bidding:
-    """The plan takes the bids that there are; robots without a bid are the last resort."""
-    return replace(original(*given), is_open=False)
 
 
 @mutation(make_plan, "look_ahead")

@@ -25,6 +25,7 @@ from mrbt_mesh.core.mission.mission import (
     Recorded,
 )
 from mrbt_mesh.core.mission.travel import Travel
+from mrbt_mesh.features.bids.messages import BidMade, BidsMade
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from tests.support import build
@@ -242,9 +243,9 @@ class Script:
             text = values[asked.local_task]
             value = None if text in ("none", "raises") else round(float(text) * 1e6)
             error = "Traceback: ZeroDivisionError" if text == "raises" else ""
-            bids.append(inputs.BidMade(asked.activation, asked.local_task, value, error))
+            bids.append(BidMade(asked.activation, asked.local_task, value, error))
             process.asked.remove(asked)
-        self.team.give(process, inputs.BidsMade(tuple(bids)))
+        self.team.give(process, BidsMade(tuple(bids)))
 
     def do_set(self, name: str, condition: str) -> None:
         key, _, value = condition.partition("=")

@@ -11,11 +11,11 @@ from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import (
-    Bidding,
     Plan,
     RobotAssignment,
     assignment_reason,
 )
+from mrbt_mesh.features.bids.plan import Bidding, biddings
 
 
 def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Printable:
@@ -37,7 +37,7 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Pri
     if plan.demands:
         parts += ["", render_bounds(problem["bounds"])]
         parts.append(Styled(f"objective, the sum of performances: {problem['objective']:g}", "dim"))
-    if plan.biddings:
+    if biddings(plan):
         parts += ["", _bids(plan)]
     if problem["forecast"] is not None:
         parts += ["", render_forecast(problem["forecast"])]
@@ -96,7 +96,7 @@ def _lines(plan: Plan) -> Table:
 def _bids(plan: Plan) -> Table:
     """The bids, the best first and the chosen in bold, and the robots without one."""
     rows = table("local task", "for", "bids")
-    for bidding in plan.biddings:
+    for bidding in biddings(plan):
         made = {robot: bid for robot, bid in bidding.bids.items() if bid is not None}
         texts = [
             Styled(f"{robot} {made[robot] / MICRO:g}", _style(plan.assignments.get(robot), bidding))

@@ -17,7 +17,6 @@ from typing import Any
 
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.alone import Alone
-from mrbt_mesh.core.agent.bidder import Bidder
 from mrbt_mesh.core.agent.coalition_begin import BeginWatch
 from mrbt_mesh.core.agent.coalition_start import CoalitionStart
 from mrbt_mesh.core.agent.commands import Commands
@@ -80,7 +79,6 @@ class Agent:
         self._begin_watch: BeginWatch | None = None
         self._health = health = Health(context)
         self._alone = Alone(context, health)
-        self._bidder = Bidder(context, health)
         self._scheduler: Scheduler | None = None
         self._parts = Parts(Kit(context, health, self._planner))
         self._reviser = Reviser(context)
@@ -110,7 +108,7 @@ class Agent:
 
     def _compose(self, now_us: int) -> None:
         """Compose the parts that the mission in force needs."""
-        context, planner, health, bidder = self._context, self._planner, self._health, self._bidder
+        context, planner, health = self._context, self._planner, self._health
         mission, schedule, duplicates = context.mission, self._schedule, self._duplicates
         parts = self._parts
         if self._leased is None and any(task.exclusive for task in mission.all_tasks()):
@@ -158,7 +156,6 @@ class Agent:
             inputs.PerformanceChanged: lambda e, now: health.change_performance(
                 e.local_task, e.performance, PROGRAM, now
             ),
-            inputs.BidsMade: bidder.made,
             inputs.ProblemFound: health.problem_found,
             inputs.LeaveRequested: lambda _, now: reports.leave(now),
             inputs.PlanMade: planner.made,
@@ -168,6 +165,9 @@ class Agent:
             inputs.RecordingReported: health.recording_reported,
             inputs.JournalOpened: health.journal_opened,
             inputs.TimerFired: lambda *_: None,
+        }
+        self._handlers |= {
+            kind: take for part in parts.all for kind, take in part.handlers().items()
         }
         if clock is not None:
             self._handlers[inputs.WallClockRead] = lambda e, now: clock.read(e.offset_us, now)
@@ -347,8 +347,8 @@ class Agent:
         plan = self._planner.update(now_us, apart)
         if plan is None:
             return
-        if mission.has_bids:
-            self._bidder.ask(plan)
+        for prepare in self._parts.prepare:
+            prepare(plan, now_us)
         if self._scheduler is not None:
             self._scheduler.follow(plan, now_us)
             if not self._planner.is_current:

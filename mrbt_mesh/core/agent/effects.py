@@ -138,17 +138,8 @@ class CancelAction:
 
 
 @dataclass(frozen=True, slots=True)
-class RequestBid:
-    """Have the robot's program bid for a local task. Answered by BidsMade.
-
-    `performance`: the robot's present performance of that task.
-    """
-
-    activation: str
-    global_task: str
-    local_task: str
-    performance: int
-    incarnation: Incarnation
+class FeatureEffect:
+    """Base of what features ask of the robot's program. Answered by an input of the feature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +179,7 @@ Effect: TypeAlias = (
     | CheckMission
     | UseMission
     | CancelAction
-    | RequestBid
+    | FeatureEffect
     | DeclareToken
     | Log
     | Stop

@@ -188,24 +188,8 @@ class ProblemFound:
 
 
 @dataclass(frozen=True, slots=True)
-class BidMade:
-    """This robot's bid for a local task, in micro-units; None: it makes no bid.
-
-    If its program failed, `reason` says why, and `error` is the traceback, for the log.
-    """
-
-    activation: str
-    local_task: str
-    performance: int | None
-    error: str = ""
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class BidsMade:
-    """Answers to RequestBid, all that have arrived together."""
-
-    bids: tuple[BidMade, ...]
+class FeatureInput:
+    """Base of the inputs of features: the feature's part of the agent takes them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,7 +304,7 @@ Input: TypeAlias = (
     | ConditionSet
     | CapabilityChanged
     | PerformanceChanged
-    | BidsMade
+    | FeatureInput
     | TravelTimesMade
     | ProblemFound
     | WallClockRead

@@ -39,6 +39,7 @@ class Parts:
         self.check: list[Callable[[int], bool]] = self._own("check")
         self.follow: list[Callable[[int], None]] = self._own("follow")
         self.may_begin: list[Callable[[Claim, bool, int], bool]] = self._own("may_begin")
+        self.prepare: list[Callable[[Plan, int], None]] = self._own("prepare")
         self.perform: list[Callable[[Plan, int], None]] = self._own("perform")
         self.next_us: list[Callable[[int], int | None]] = self._own("next_us")
         self.steps_until_us: list[Callable[[], int | None]] = self._own("steps_until_us")

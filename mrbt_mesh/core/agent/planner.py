@@ -55,7 +55,7 @@ class Planner:
         self.plan: Plan | None = None
         self.decides = True
         self.awaited: Awaited | None = None
-        self.deadlines = Deadlines(timing.bid_wait_us, timing.failure_latch_us)
+        self.deadlines = Deadlines(timing.detection_us, timing.failure_latch_us)
         self.listeners: list[PlanListener] = []
         self._context = context
         self._robot_tree = robot_tree

@@ -12,7 +12,6 @@ from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.records import (
     Arguments,
     Attempt,
-    Bid,
     ChildResult,
     CoalitionId,
     Decision,
@@ -24,34 +23,6 @@ from mrbt_mesh.core.facts.store import Entry, Version
 Outcomes: TypeAlias = Mapping[str, Mapping[str, bool]]
 
 
-@dataclass(frozen=True, slots=True)
-class KnownBids:
-    """The bids of one activation.
-
-    `by_task`: local task -> robot -> bid in micro-units, None if the robot makes no bid. `closed`:
-    local tasks for which no more bids are awaited.
-    """
-
-    by_task: Mapping[str, Mapping[str, int | None]] = field(default_factory=dict)
-    closed: frozenset[str] = frozenset()
-
-    def of(self, local_task: str) -> Mapping[str, int | None]:
-        """Robot -> its bid for this local task."""
-        return self.by_task.get(local_task, {})
-
-    def with_bid(self, local_task: str, robot: str, bid: int | None) -> KnownBids:
-        """Return these bids with one more."""
-        bids = {**self.of(local_task), robot: bid}
-        return KnownBids({**self.by_task, local_task: bids}, self.closed)
-
-    def with_closed(self, local_task: str) -> KnownBids:
-        """Return these bids, with no more awaited for this local task."""
-        return KnownBids(self.by_task, self.closed | {local_task})
-
-
-NO_BIDS = KnownBids()
-
-
 @dataclass(slots=True)
 class ActivationFacts:
     """All entries of one activation. They are dropped together.
@@ -59,14 +30,13 @@ class ActivationFacts:
     `keys`: (author, name) of its entries. `coalitions`: None until an entry names one; from then on
     it holds the outcomes, which are in `outcomes` otherwise. `child_results`: position of the child
     -> success. `begun_with`: (stamp, author, values) that count for the entries that its task
-    reads. `outcomes` and `bids` are replaced when they change, never altered.
+    reads. `outcomes` is replaced when it changes, never altered.
     """
 
     activation: Activation
     keys: dict[tuple[str, str], None] = field(default_factory=dict)
     outcomes: Outcomes = field(default_factory=dict)
     coalitions: Coalitions | None = None
-    bids: KnownBids = NO_BIDS
     attempts_used: int = 0
     child_results: dict[int, bool] = field(default_factory=dict)
     has_latched_failure: bool = False
@@ -82,8 +52,6 @@ class ActivationFacts:
             self._with_coalitions().add(kind, CoalitionId.parse(parts[2]), entry)
         elif isinstance(record, Outcome):
             self.add_outcome(parts, entry.author, record.success, entry.version)
-        elif isinstance(record, Bid):
-            self.bids = self.bids.with_bid(parts[2], entry.author, record.performance)
         elif isinstance(record, Attempt):
             self.attempts_used = max(self.attempts_used, record.number)
         elif isinstance(record, ChildResult):
@@ -92,8 +60,6 @@ class ActivationFacts:
         elif isinstance(record, Arguments):
             found = (record.stamp, entry.author, record.values)
             self.begun_with = min(found, self.begun_with or found)
-        elif kind == records.CLOSED:
-            self.bids = self.bids.with_closed(parts[2])
         elif kind == records.LATCHED_FAILURE:
             self.has_latched_failure = True
         elif kind == records.EXPIRED:

@@ -1,4 +1,4 @@
-"""What entries mean: member, claim, outcome, bid, coalition, condition, job; and their limits.
+"""What entries mean: member, claim, outcome, coalition, condition, job; and their limits.
 
 Values come from the network: a parser accepts exactly its kind and raises ValueError, and no other
 exception, for anything else.
@@ -150,10 +150,6 @@ def _read_value(value: Any) -> Value | None:
     if isinstance(value, str):
         return read_text(value, MAX_TEXT)
     return read_integer(value, -MAX_UNITS, MAX_UNITS)
-
-
-def _read_bid(value: Any) -> int | None:
-    return None if value is None else read_integer(value, -MAX_PERFORMANCE, MAX_PERFORMANCE)
 
 
 _PLAIN: Mapping[Any, Plain] = {
@@ -537,18 +533,6 @@ class MissionResult(Record):
 
 
 @dataclass(frozen=True, slots=True)
-class Bid(Record):
-    """The performance that the author would have, in micro-units; None: it makes no bid.
-
-    The first bid counts, so a restarted robot does not outbid itself.
-    """
-
-    performance: Annotated[int | None, Plain(_read_bid)]
-
-    write_once: ClassVar[bool] = True
-
-
-@dataclass(frozen=True, slots=True)
 class RobotProblem(Record):
     """The newest problem with the author's journal, recording or clock, or with one part of its
     program: its bid, a function, the loop. Empty: the problem is solved.
@@ -801,8 +785,6 @@ COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doub
 ARGUMENTS = "arguments"
 # A child of a node with memory has ended: scope of the node, position of the child.
 CHILD_RESULT = "passed"
-# For one local task of an activation: the author's bid; no more bids are awaited.
-BID, CLOSED = "bid", "closed"
 # A problem with a part of the author's program.
 PROBLEM = "problem"
 # How a job has ended.
@@ -822,7 +804,6 @@ OVERTAKEN, TEAM_TIME = "overtaken", "team_time"
 MISSION_ADOPTED, MISSION_HELD = "mission_adopted", "mission_held"
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED, DECISION})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DECISION})
-BID_KINDS = frozenset({BID, CLOSED})
 MISSION_KINDS = frozenset({MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED, MISSION_HELD})
 
 # Fields of commands -> how a value is read, and how many parts a name has. `_ONCE`: commanded once,
@@ -853,7 +834,6 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     ARGUMENTS: (Arguments.parse, (2,)),
     CHILD_RESULT: (ChildResult.parse, (3,)),
     COALITION: (Coalition.parse, (3,)),
-    BID: (Bid.parse, (3,)),
     PROBLEM: (RobotProblem.parse, (2,)),
     SCHEDULE: (Proposal.parse, (1,)),
     JOB_END: (JobEnd.parse, (2,)),
@@ -872,11 +852,16 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
         for field, (read, count) in _AGAIN.items()
     },
     **dict.fromkeys((LATCHED_FAILURE, EXPIRED, JOB_DUE), (Latch.parse, (2,))),
-    **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
+    **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED), (Latch.parse, (3,))),
     **{
         field: (partial(OperatorCommand.read, known.read), (known.parts,))
         for feature in features()
         for field, known in feature.commands.items()
+    },
+    **{
+        kind: (partial(feature.parse, kind), (count,))
+        for feature in features()
+        for kind, count in feature.kinds.items()
     },
 }
 COMMANDS = frozenset({*_ONCE, *_AGAIN, *(f for each in features() for f in each.commands)})

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.activation_facts import ActivationFacts, KnownBids, Outcomes
+from mrbt_mesh.core.facts.activation_facts import ActivationFacts, Outcomes
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
 from mrbt_mesh.core.facts.jobs import Jobs, guard_number, job_of
@@ -144,7 +144,7 @@ class TeamFacts:
         for feature in features():
             if (index := feature.index(mission)) is not None:
                 self._indexes[type(index)] = index
-                self._index_of |= dict.fromkeys(feature.commands, index)
+                self._index_of |= dict.fromkeys((*feature.commands, *feature.kinds), index)
         self._results: dict[str, MissionResult] = {}
         # Entries that are ignored while this mission is in force, and whether `prune` must check
         # them.
@@ -473,10 +473,6 @@ class TeamFacts:
         said = ((name, each.coalitions) for name, each in self.activations.items())
         return sorted((name, found) for name, found in said if found is not None and found.grants)
 
-    def bids(self, activation: str) -> KnownBids:
-        """The bids of an activation. Returns the same object until one of them changes."""
-        return self._said(activation).bids
-
     # -- what may be dropped ------------------------------------------------------------------
 
     def prune(self) -> list[tuple[str, str]]:
@@ -695,6 +691,8 @@ class TeamFacts:
             if said.activation.job and self.jobs is not None:
                 self.jobs.note_activation(said.activation.job, name, is_known=True)
         said.add(entry)
+        if (index := self._index_of.get(kind)) is not None:
+            index.add(entry)
         self.outcome_changes += kind == records.OUTCOME
         self._note_result(said, entry, is_known=True)
         if kind in records.COALITION_KINDS:
@@ -727,6 +725,8 @@ class TeamFacts:
             return
         said = self.activations[name]
         self._note_result(said, entry, is_known=False)
+        if (index := self._index_of.get(entry.parts[0])) is not None:
+            index.remove(entry)
         del said.keys[entry.author, entry.name]
         if not said.keys:
             del self.activations[name]

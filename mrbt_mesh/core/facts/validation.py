@@ -59,8 +59,10 @@ ACTIVATION_KINDS = {
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
     records.CHILD_RESULT: CONTROLS,
     records.ARGUMENTS: frozenset({Kind.ACTION}),
-    **dict.fromkeys(sorted(records.COALITION_KINDS | records.BID_KINDS), frozenset({Kind.ACTION})),
+    **dict.fromkeys(sorted(records.COALITION_KINDS), frozenset({Kind.ACTION})),
+    **{kind: frozenset({Kind.ACTION}) for feature in features() for kind in feature.kinds},
 }
+_FEATURE_OF = {kind: feature for feature in features() for kind in feature.kinds}
 
 
 def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
@@ -387,10 +389,8 @@ def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> s
             return f"{task.id!r} needs no {names[1]!r:.80}"
         if (len(names) == 3) != task.by_coalition:
             return f"{task.id!r}: an outcome names a coalition if the task has any"
-    elif kind in records.BID_KINDS:
-        need = task.need(names[1])
-        if need is None or not need.by_bid:
-            return f"{task.id!r}: {names[1]!r:.80} is not for bids"
+    elif kind in _FEATURE_OF:
+        return _FEATURE_OF[kind].refuses(entry, task) or None
     elif kind in records.EXCLUSIVE_KINDS and not task.exclusive:
         return f"{task.id!r} is not exclusive"
     elif kind in records.COALITION_KINDS and not task.by_coalition:

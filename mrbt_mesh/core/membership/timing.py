@@ -113,11 +113,6 @@ class Timing:
         return self.detection_us * 3 // 10
 
     @property
-    def bid_wait_us(self) -> int:
-        """How long a request waits for bids if the mission does not set a time."""
-        return self.detection_us * 3 // 10
-
-    @property
     def failure_latch_us(self) -> int:
         """How long all must agree that no living robot can make good a failure, if the mission does
         not set a time: one more detection time.

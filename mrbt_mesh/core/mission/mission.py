@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
-from mrbt_mesh.core.feature import Limits, features, used
+from mrbt_mesh.core.feature import Limits, PlanStep, features, used
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
@@ -578,9 +578,10 @@ class Mission:
         return next((each for each in found if each is not None), None)
 
     @cached_property
-    def has_bids(self) -> bool:
-        """Whether any performance is known only to the robots."""
-        return any(need.by_bid for task in self.all_tasks() for need in task.needs)
+    def plan_steps(self) -> tuple[PlanStep, ...]:
+        """What features do in the plans of this mission, in their order."""
+        found = (feature.plan_step(self) for feature in features())
+        return tuple(each for each in found if each is not None)
 
     @cached_property
     def stops_in_time(self) -> bool:

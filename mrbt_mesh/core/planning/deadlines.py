@@ -1,5 +1,5 @@
-"""Deadlines that become facts: of Timeouts, of tasks that are blocked or about to fail, of bids,
-of what dead robots had.
+"""Deadlines that become facts: of Timeouts, of tasks that are blocked or about to fail, of what
+dead robots had, of what features wait for.
 
 Every robot measures from when it first saw the thing run, and starts again if it saw it stop. The
 first robot that sees the deadline pass writes the fact; others have to confirm that a task has
@@ -25,12 +25,12 @@ Due: TypeAlias = tuple[str, bool]
 class Deadlines:
     """The deadlines that are running, by what they will become.
 
-    `bid_us`, `failure_latch_us`: how long bids are awaited, and how long a failure is pending,
-    where the mission does not name a time; a loss is pending as long as a failure.
+    `failure_latch_us`: how long a failure is pending where the mission does not name a time; a loss
+    is pending as long. `detection_us`: the detection time, by which features measure.
     """
 
-    def __init__(self, bid_us: int, failure_latch_us: int) -> None:
-        self._bid_us = bid_us
+    def __init__(self, detection_us: int, failure_latch_us: int) -> None:
+        self._detection_us = detection_us
         self._failure_latch_us = failure_latch_us
         self._due_us: dict[Due, int] = {}
         # They have passed, but the others do not agree.
@@ -84,11 +84,9 @@ class Deadlines:
             name = f"{records.JOB_END}/{job.job}"
             if facts.map.get(facts.me, name) is None:
                 running[name, False] = self._failure_latch_us
-        for bidding in plan.biddings:
-            if bidding.is_open:
-                within_us = bidding.within_us
-                limit_us = self._bid_us if within_us is None else within_us
-                running[bidding.closed_name, False] = limit_us
+        for part in plan.parts.values():
+            for name, limit_us in part.deadlines(self._detection_us).items():
+                running[name, False] = limit_us
         return running
 
     def left_us(self, now_us: int) -> dict[Due, int]:

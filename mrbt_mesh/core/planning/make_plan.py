@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
 from mrbt_mesh.core.assignment.problem import SideConstraint, Solver
@@ -18,8 +18,8 @@ from mrbt_mesh.core.facts.coalitions import coalition_at_work
 from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.feature import Offer
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning.bids import Bids, bids_for
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker, capabilities_of
 from mrbt_mesh.core.planning.consistency import (
     LimitCheck,
@@ -49,11 +49,11 @@ PlanMaking: TypeAlias = Callable[[Solver], PlanFunction]
 class ConsistentRequests:
     """What *Check Consistency* finds: which requests of T_G can be served together.
 
-    `rest_reason`: why no robot is to work at all, empty if they are. `bids`: the demands of the
-    requests, and what the bids make of them. `ahead`: what schedules are made for, if the mission
-    travels. `unset`: why requests wait for the blackboard. `offered`: the demands with the robots
-    that may be assigned to them. `kept`: indices of the requests that are served. `pinned`: robots
-    at work that go on -> index of their request.
+    `rest_reason`: why no robot is to work at all, empty if they are. `demands`: those of the
+    requests. `offers`: what features make of them, the last one's demands being these. `ahead`:
+    what schedules are made for, if the mission travels. `unset`: why requests wait for the
+    blackboard. `offered`: the demands with the robots that may be assigned to them. `kept`: indices
+    of the requests that are served. `pinned`: robots at work that go on -> index of their request.
     """
 
     evaluation: Evaluation
@@ -61,7 +61,8 @@ class ConsistentRequests:
     ended: Status | None
     capabilities: Capabilities
     rest_reason: str
-    bids: Bids = field(default_factory=lambda: Bids(()))
+    demands: Sequence[Group] = ()
+    offers: Sequence[Offer] = ()
     ahead: Lookahead | None = None
     obstacles: Mapping[int, str] = field(default_factory=dict)
     unset: Mapping[int, str] = field(default_factory=dict)
@@ -120,9 +121,13 @@ def check_consistency(
         return ConsistentRequests(evaluation, command, ended, capabilities, reason)
     requests, team = evaluation.requests, capabilities.team
     demands = demands_of(facts, requests, capabilities)
-    bids = bids_for(facts, demands, team) if mission.has_bids else Bids(demands)
-    obstacles, unset = _obstacles(facts, requests, bids.groups, team)
-    offered: Sequence[Group] = bids.groups
+    offered: Sequence[Group] = demands
+    offers: list[Offer] = []
+    for step in mission.plan_steps:
+        offers.append(step.offer(facts, offered, team))
+        offered = offers[-1].groups
+    changed = offered
+    obstacles, unset = _obstacles(facts, requests, changed, team)
     ahead = None
     if mission.travel is not None:
         ahead = look_ahead(facts, evaluation, demands, capabilities)
@@ -133,7 +138,7 @@ def check_consistency(
         lambda: feasibility(mission.limits, team, offered, capabilities.masks),
         obstacles | unset,
     )
-    found = bids, ahead, obstacles, unset, offered, kept, pinned
+    found = changed, offers, ahead, obstacles, unset, offered, kept, pinned
     return ConsistentRequests(evaluation, command, ended, capabilities, "", *found)
 
 
@@ -152,7 +157,7 @@ def assign_agents(
         revision = facts.declared.revision
         return Plan(evaluation, command, {}, idle, (), ended=found.ended, revision=revision)
 
-    bids, offered, kept, pinned = found.bids, found.offered, found.kept, found.pinned
+    demands, offered, kept, pinned = found.demands, found.offered, found.kept, found.pinned
     at_work = running_on(offered, pinned)
     assignments = {robot: _assignment(robot, demand, True) for robot, demand in at_work.items()}
     assigned = None
@@ -162,8 +167,8 @@ def assign_agents(
         assignments |= assigned or {}
 
     # The requests that wait, and why.
-    requests, demands, obstacles = evaluation.requests, bids.groups, found.obstacles
-    held = bids.held_back(kept, assignments) if bids.awaited else {}
+    requests, obstacles = evaluation.requests, found.obstacles
+    held = _postponed(found, assignments)
     later = {requests[index].activation for index in held}
     assignments = {
         robot: assignments[robot]
@@ -173,7 +178,7 @@ def assign_agents(
     served = frozenset(kept)
     rest = [index for index in range(len(requests)) if index not in served or index in held]
     waiting = {
-        i: _waiting(facts, demands[i], capabilities, obstacles.get(i, ""), held.get(i, ()))
+        i: _waiting(facts, demands[i], capabilities, obstacles.get(i, ""), held.get(i))
         for i in rest
     }
     for index, text in found.unset.items():
@@ -202,13 +207,31 @@ def assign_agents(
         tuple(waiting.values()),
         found.is_consistent,
         assigned is not None,
-        bids.biddings,
+        {each.part.name: each.part for each in found.offers if each.part is not None},
         demands,
         tuple(pending.values()),
         pending_losses(facts, team) if mission.per_robot.leaves else (),
         revision=facts.declared.revision,
         ahead=found.ahead,
     )
+
+
+class Postponed(NamedTuple):
+    """Why a request that could be served gets nobody yet: it awaits `things` of `robots`."""
+
+    things: str
+    robots: tuple[str, ...]
+
+
+def _postponed(
+    found: ConsistentRequests, assignments: Mapping[str, RobotAssignment]
+) -> dict[int, Postponed]:
+    """The kept requests that features postpone."""
+    return {
+        index: Postponed(offer.awaited_things, robots)
+        for offer in found.offers
+        for index, robots in offer.postponed(found.kept, assignments).items()
+    }
 
 
 def _why_outside(facts: TeamFacts, robot: str, incarnation: Incarnation) -> str:
@@ -296,12 +319,14 @@ def _waiting(
     group: Group,
     capabilities: Capabilities,
     obstacle: str,
-    awaited: tuple[str, ...],
+    postponed: Postponed | None,
 ) -> Waiting:
     """Why a request is not served."""
-    short = () if obstacle or awaited else shortages(facts, group, capabilities)
+    short = () if obstacle or postponed else shortages(facts, group, capabilities)
     request = group[0].request
-    return Waiting(request.activation, request.subject, short, obstacle, awaited=awaited)
+    things, awaited = postponed or ("", ())
+    names = request.activation, request.subject
+    return Waiting(*names, short, obstacle, awaited=awaited, awaited_things=things)
 
 
 def _limited(
@@ -356,7 +381,7 @@ def _why_idle(
     robots: Sequence[str],
     demands: Sequence[Group],
     kept: Collection[int],
-    held: Collection[int],
+    held: Mapping[int, Postponed],
     unset: Mapping[int, str],
 ) -> dict[str, str]:
     """For robots without an assignment: why."""
@@ -370,7 +395,7 @@ def _why_idle(
             reasons[robot] = "nothing it can do is needed now"
         elif waiting := [index for index in served if index in held]:
             names = sorted({demands[index][0].request.subject for index in waiting})
-            reasons[robot] = f"{', '.join(names)}: waits for bids"
+            reasons[robot] = f"{', '.join(names)}: waits for {held[waiting[0]].things}"
         elif served:
             reasons[robot] = f"{', '.join(names)}: enough robots are on it"
         else:

@@ -17,6 +17,7 @@ from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import TeamOrder
+from mrbt_mesh.core.feature import PlanPart, features
 from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd, Revision
 from mrbt_mesh.core.planning.demands import Group
 from mrbt_mesh.core.planning.per_robot import PendingLoss
@@ -46,42 +47,6 @@ class Shortage:
         return text + "".join(f", {count} {what}" for count, what in counts if count)
 
 
-@dataclass(frozen=True, slots=True)
-class Bidding:
-    """The bids for one local task of one request.
-
-    `bids`: robot -> performance in micro-units, None where it has no bid, of all living robots
-    that could be put on it and have spoken. `silent`: those that have not, while one more robot
-    could be of use; they may still bid. `is_open`: the request waits for them, for `within_us`
-    (None: `Timing.bid_us`).
-    """
-
-    activation: str
-    global_task: str
-    local_task: str
-    bids: Mapping[str, int | None]
-    silent: tuple[str, ...]
-    is_open: bool
-    within_us: int | None
-
-    @property
-    def closed_name(self) -> str:
-        """The fact that nobody is waited for any more."""
-        return f"{records.CLOSED}/{self.activation}/{self.local_task}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data; bids in units."""
-        bids = {r: None if bid is None else bid / MICRO for r, bid in self.bids.items()}
-        return {
-            "activation": self.activation,
-            "global_task": self.global_task,
-            "local_task": self.local_task,
-            "bids": bids,
-            "silent": list(self.silent),
-            "open": self.is_open,
-        }
-
-
 def shortened(robots: Sequence[str]) -> str:
     """For people: all of a few robots, else some of them and how many more."""
     if len(robots) <= _SHOWN + 1:
@@ -93,7 +58,7 @@ def shortened(robots: Sequence[str]) -> str:
 class RobotAssignment:
     """What the plan has one robot do. `pinned`: it was running this already and goes on.
 
-    `performance` is the declared one, or what the robot bid.
+    `performance` is the declared one, or what a feature has put in its place.
     `leader` brings the coalition together, where the task is carried out by one; `round`
     counts the coalitions that have ended without success. `values`: blackboard entry -> its value,
     of those that are arguments.
@@ -132,8 +97,8 @@ class Waiting:
 
     `obstacle` is what else keeps it from being served, whichever robots are free. `held_by`: the
     blackboard entries that are not set, or the side constraints without which it would not have to
-    wait now. `awaited`: the robots without
-    whose bids it is not decided who serves it. `is_failing`: it fails unless that changes.
+    wait now. `awaited`: the robots of which something is awaited before it is decided who serves
+    it, which is called `awaited_things`. `is_failing`: it fails unless that changes.
     """
 
     activation: str
@@ -143,6 +108,7 @@ class Waiting:
     held_by: str = ""
     awaited: tuple[str, ...] = ()
     is_failing: bool = False
+    awaited_things: str = ""
 
     @property
     def is_blocked(self) -> bool:
@@ -158,7 +124,7 @@ class Waiting:
         if self.held_by:
             return f"waiting: {self.held_by}"
         if self.awaited:
-            return f"waiting for bids of {shortened(self.awaited)}"
+            return f"waiting for {self.awaited_things} of {shortened(self.awaited)}"
         if not self.shortages:
             return "waiting: the robots it needs are busy with earlier requests"
         return "blocked: " + "; ".join(map(str, self.shortages)) + end
@@ -189,7 +155,7 @@ class Plan:
     """`assignments` by robot; `idle`: why a robot has none; the rest is in tree order.
 
     The demands, and what lies `ahead` in a mission that travels, are the input of the plan and no
-    part of its content.
+    part of its content. `parts`: what features add, by the names of these parts.
 
     What the leaves of T_A return (paper, section V): *Check Consistency* holds if `consistent`, so
     unless there are requests and none of them can be served; *Assign Agents* succeeds if
@@ -207,7 +173,7 @@ class Plan:
     waiting: tuple[Waiting, ...]
     consistent: bool = True
     feasible: bool = True
-    biddings: tuple[Bidding, ...] = ()
+    parts: Mapping[str, PlanPart] = field(default_factory=dict)
     demands: Sequence[Group] = field(default=(), compare=False, repr=False)
     pending_failures: tuple[PendingFailure, ...] = ()
     pending_losses: tuple[PendingLoss, ...] = ()
@@ -317,7 +283,10 @@ class Plan:
                 }
                 for w in self.waiting
             ],
-            "bids": [bidding.to_json() for bidding in self.biddings],
+            **{
+                name: self.parts[name].to_json() if name in self.parts else []
+                for name in filter(None, (feature.in_plan for feature in features()))
+            },
             "pending_failures": [failure.activation for failure in self.pending_failures],
             "pending_losses": [loss.condition for loss in self.pending_losses],
         }
@@ -326,20 +295,12 @@ class Plan:
 def assignment_reason(plan: Plan, robot: str) -> str:
     """Why a robot has its assignment, for people."""
     assignment = plan.assignments[robot]
-    place = (assignment.activation, assignment.local_task)
     why = "part of the best assignment"
     if assignment.pinned:
         why = "goes on with what it runs"
     elif plan.ahead is not None and plan.ahead.is_next(robot, assignment.activation):
         why = f"first in the schedule of {plan.ahead.author}"
     why += "".join(f" with {name} = {value}" for name, value in assignment.values)
-    bids = plan_bids(plan).get(place)
-    if bids is None:
-        return f"{why} (performance {assignment.performance / MICRO:g})"
-    bid = bids.get(robot)
-    return why + (" (no bid)" if bid is None else f" (bid {assignment.performance / MICRO:g})")
-
-
-def plan_bids(plan: Plan) -> dict[tuple[str, str], Mapping[str, int | None]]:
-    """(activation, local task) -> robot -> its bid, or None."""
-    return {(b.activation, b.local_task): b.bids for b in plan.biddings}
+    texts = (part.performance_text(assignment) for part in plan.parts.values())
+    text = next(filter(None, texts), f"performance {assignment.performance / MICRO:g}")
+    return f"{why} ({text})"

@@ -464,8 +464,8 @@ def _why_left_out(mission: Mission, request: Request, needs: Sequence[Scheduling
         return "it is exclusive"
     if task.preemptive:
         return "it takes robots from other tasks"
-    if any(need.by_bid for need in task.needs):
-        return "robots bid for it"
+    if why := next(filter(None, (s.why_unscheduled(task) for s in mission.plan_steps)), ""):
+        return why
     if any(need.same_robot_as is not None for need in task.needs):
         return "it asks for a robot that did something before"
     if any(need.min_robots == 0 for need in task.needs):

@@ -31,7 +31,7 @@ from mrbt_mesh.sim.checkers.facts import (
 from mrbt_mesh.sim.checkers.feature_checker import FeatureCheckers
 from mrbt_mesh.sim.checkers.findings import RunFindings, components, joined
 from mrbt_mesh.sim.checkers.jobs import KeptJobs
-from mrbt_mesh.sim.checkers.plans import bids_first, optimal_assignment, same_plan
+from mrbt_mesh.sim.checkers.plans import optimal_assignment, same_plan
 from mrbt_mesh.sim.checkers.progress import Progress
 from mrbt_mesh.sim.checkers.renewals import Renewals
 from mrbt_mesh.sim.checkers.restarts import Resumption
@@ -146,7 +146,7 @@ class Checkers(Inspection):
                     self._of_features.started(agent, effect)
         claim = agent.claim
         if claim is not None and (before is None or claim.activation != before.activation):
-            bids_first(run, agent, claim)
+            self._of_features.claimed(agent, claim)
         if effects:
             self.i5.handled(process, effects)
             self.i6.handled(agent, effects)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.feature import features
 from mrbt_mesh.sim.checkers.findings import RunFindings
 
@@ -17,6 +18,9 @@ class FeatureChecker:
     def started(self, agent: AgentView, start: StartAction) -> None:
         """A robot has begun an action of the team at its place."""
 
+    def claimed(self, agent: AgentView, claim: Claim) -> None:
+        """A robot has claimed another activation."""
+
 
 class FeatureCheckers(FeatureChecker):
     """Those of all features."""
@@ -28,3 +32,7 @@ class FeatureCheckers(FeatureChecker):
     def started(self, agent: AgentView, start: StartAction) -> None:
         for checker in self._all:
             checker.started(agent, start)
+
+    def claimed(self, agent: AgentView, claim: Claim) -> None:
+        for checker in self._all:
+            checker.claimed(agent, claim)

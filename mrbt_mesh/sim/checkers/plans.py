@@ -9,10 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers
 from mrbt_mesh.core.facts.jobs import COUNTED_ENDS
-from mrbt_mesh.core.facts.records import Claim, Phase
-from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.make_plan import make_plan
-from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
 
 MAX_CHOICES = 2_000
@@ -80,34 +77,3 @@ def _shares(agent: AgentView) -> Counter[str]:
                 ends.append((end.stamp, known.id, end.robots))
     latest = sorted(ends)[-COUNTED_ENDS:]
     return Counter(robot for _, _, robots in latest for robot in robots)
-
-
-def bids_first(run: RunFindings, agent: AgentView, claim: Claim) -> None:
-    """I7: a robot claims what robots bid for only once it has the bids of all living ones.
-
-    Unless the time for bids is over, or another robot already works on the activation.
-    """
-    facts, activation = agent.facts, claim.activation
-    task = facts.task(claim.activation)
-    needs = task.needs
-    alive = {r: life for r, life in agent.alive().items() if r in facts.members}
-    others = [facts.valid_claim(robot) for robot in alive if robot != agent.robot]
-    at_work = [each for each in others if each is not None and each.phase > Phase.CLAIMED]
-    if any(each.activation == activation for each in at_work):
-        return
-    if any(facts.results(activation, need.local_task) for need in needs):
-        return
-    known = facts.bids(activation)
-    for need in needs:
-        if not need.by_bid or need.local_task in known.closed:
-            continue
-        run.checks["I7"] += 1
-        for robot in sorted(alive.keys() - known.of(need.local_task).keys()):
-            member, life = facts.members[robot]
-            able = capability(member, need.local_task) is not None
-            is_asked = able and life == alive[robot] and not member.is_leaving
-            # Only robots whose journals can be written begin an exclusive task.
-            is_asked &= member.may_promise or not task.exclusive
-            if is_asked and not lacked(facts, activation, robot):
-                text = f"{agent.robot} claims {claim.local_task} of {activation}"
-                run.violation("I7", f"{text} without a bid of {robot}")

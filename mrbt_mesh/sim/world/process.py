@@ -19,13 +19,13 @@ from mrbt_mesh.core.agent.effects import (
     CheckMission,
     DeclareToken,
     Effect,
+    FeatureEffect,
     Forget,
     Log,
     MakePlan,
     Persist,
     Publish,
     Reply,
-    RequestBid,
     SearchSchedule,
     StartAction,
     Stop,
@@ -34,8 +34,6 @@ from mrbt_mesh.core.agent.effects import (
 from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
-    BidMade,
-    BidsMade,
     ConditionSet,
     Input,
     PlanMade,
@@ -47,6 +45,7 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity
 from mrbt_mesh.runtime.context import TaskContext
@@ -344,7 +343,7 @@ class SimProcess:
                 self._clock.at(due_us, partial(self._make_plan, effect))
             case SearchSchedule():
                 self._clock.at(self._clock.now_us + SEARCH_US, partial(self._search, effect))
-            case StartAction() | CancelAction() | RequestBid() | CheckMission() | UseMission():
+            case StartAction() | CancelAction() | FeatureEffect() | CheckMission() | UseMission():
                 self._work(effect)
             case DeclareToken(incarnation):
                 world.bus.declare(self.robot, incarnation)

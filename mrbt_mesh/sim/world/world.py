@@ -7,14 +7,15 @@ from typing import Any, TypeAlias
 
 import anyio
 
-from mrbt_mesh.core.agent.effects import Publish, RequestBid, StartAction
-from mrbt_mesh.core.agent.inputs import ActionFinished, BidMade
+from mrbt_mesh.core.agent.effects import Publish, StartAction
+from mrbt_mesh.core.agent.inputs import ActionFinished
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
+from mrbt_mesh.features.bids.messages import BidMade, RequestBid
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.sim.world.client import Client

@@ -8,6 +8,7 @@ from typing import Any
 
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission
+from mrbt_mesh.features.bids.needs import by_bid
 from mrbt_mesh.formats.mission_map import map_view
 from mrbt_mesh.views.model.job_types import job_types, submit_example
 
@@ -65,7 +66,7 @@ def _task(task: GlobalTask) -> dict[str, Any]:
                 "local_task": need.local_task,
                 "min": need.min_robots,
                 "max": need.max_robots,
-                "by_bid": need.by_bid,
+                "by_bid": by_bid(need),
             }
             for need in task.needs
         ],

@@ -15,7 +15,8 @@ from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Need, performance
 from mrbt_mesh.core.mission.names import name_order, type_name
-from mrbt_mesh.core.planning.plan import Plan, assignment_reason, plan_bids, shortened
+from mrbt_mesh.core.planning.plan import Plan, assignment_reason, shortened
+from mrbt_mesh.features.bids.plan import plan_bids
 from mrbt_mesh.observer.episodes import MajorFault, after_text
 from mrbt_mesh.observer.headline import wanted_activations
 from mrbt_mesh.observer.job_rows import RUNNING, WAITING, JobRows

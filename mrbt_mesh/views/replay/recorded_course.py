@@ -11,7 +11,6 @@ from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet
 from mrbt_mesh.core.facts.records import (
     ABORTED,
     PAUSED,
-    Bid,
     Claim,
     ConditionValue,
     Member,
@@ -23,6 +22,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.features.bids.facts import Bid
 from mrbt_mesh.observer.episodes import MajorFault
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation

@@ -111,7 +111,7 @@ def what_if(
 def _deadlines(player: Player, at_us: int) -> dict[Due, int]:
     """Play to a time; return the remaining times of the deadlines that run then."""
     timing, plan = player.recording.metadata.timing, None
-    deadlines = Deadlines(timing.bid_wait_us, timing.failure_latch_us)
+    deadlines = Deadlines(timing.detection_us, timing.failure_latch_us)
     for _ in player.play_to(at_us):
         if player.observer.plan is not plan:
             plan = player.observer.plan

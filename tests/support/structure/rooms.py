@@ -25,7 +25,7 @@ WORDS: Mapping[str, str] = {
     "values": r"blackboard|per_robot|own_conditions|has_own_\w+|holds_value|entry_\w+",
 }
 OWN_FILES: Mapping[str, str] = {
-    "bids": r"bidder|bids",
+    "bids": r"nothing",
     "constraints": r"nothing",
     "contact": r"nothing",
     "exclusive": r"leases|coalitions|leased_start|coalition_start|coalition_begin",

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.activation_facts import NO_BIDS
 from mrbt_mesh.core.facts.records import LATCH
 from mrbt_mesh.core.facts.store import Version, parse_entry
 from mrbt_mesh.core.mission.mission import (
@@ -20,9 +19,9 @@ from mrbt_mesh.core.mission.mission import (
     MICRO,
     FailurePolicy,
 )
-from mrbt_mesh.core.planning.bids import LAST_RESORT
 from mrbt_mesh.core.planning.deadlines import Deadlines
-from mrbt_mesh.core.planning.plan import Bidding
+from mrbt_mesh.features.bids.facts import NO_BIDS, bids_of
+from mrbt_mesh.features.bids.plan import LAST_RESORT, Bidding, biddings
 from tests.support.build import (
     World,
     action,
@@ -58,7 +57,7 @@ def reasons(world: World) -> list[str]:
 
 
 def bidding(world: World) -> Bidding:
-    (found,) = world.plan().biddings
+    (found,) = biddings(world.plan())
     return found
 
 
@@ -315,7 +314,7 @@ def test_bids_are_dropped_with_their_activation() -> None:
     world.facts.prune()
     assert world.activation("fetch") != first
     assert not any(entry.name.startswith(("bid/", "closed/")) for entry in world.facts.map)
-    assert world.facts.bids(first) is NO_BIDS
+    assert bids_of(world.facts, first) is NO_BIDS
     assert reasons(world) == ["waiting for bids of A"]
 
 
@@ -341,7 +340,7 @@ def test_whoever_sees_the_time_pass_says_so() -> None:
     world = town("A", needs=("drive", 1, 1, True, 700_000))
     usual, name = town("A"), f"closed/{world.activation('fetch')}/drive"
     for each, limit_us in ((world, 700_000), (usual, 300_000)):
-        watches = Deadlines(300_000, 1_000_000)
+        watches = Deadlines(1_000_000, 1_000_000)
         assert watches.expired(each.plan(), each.facts, 50, lambda: True) == []
         assert watches.next_deadline_us() == limit_us + 50
         assert watches.expired(each.plan(), each.facts, limit_us + 49, lambda: True) == []

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.effects import RequestBid
-from mrbt_mesh.core.agent.inputs import BidMade, BidsMade
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
+from mrbt_mesh.features.bids.facts import bids_of
+from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
 from tests.support.script import Script
 
 TEAM = """
@@ -37,10 +37,10 @@ def test_a_bid_for_what_is_no_longer_wanted_is_not_told() -> None:
     script.block(["operate A aborted true"])
     script.team.give(process, BidsMade((BidMade(asked.activation, asked.local_task, 5),)))
     facts = script.team.processes["A"].agent.view.facts
-    assert not facts.bids(asked.activation).of(asked.local_task)
+    assert not bids_of(facts, asked.activation).of(asked.local_task)
     other = BidMade(asked.activation, "swim", 5)
     script.team.give(process, BidsMade((other,)))
-    assert not script.team.processes["A"].agent.view.facts.bids(asked.activation).of("swim")
+    assert not bids_of(script.team.processes["A"].agent.view.facts, asked.activation).of("swim")
 
 
 def test_a_bid_beyond_all_limits_is_no_bid_and_told() -> None:
@@ -50,7 +50,7 @@ def test_a_bid_beyond_all_limits_is_no_bid_and_told() -> None:
     (asked,) = process.asked
     bid = BidMade(asked.activation, asked.local_task, 10 * MAX_PERFORMANCE)
     script.team.give(process, BidsMade((bid,)))
-    assert process.agent.view.facts.bids(asked.activation).of(asked.local_task) == {"A": None}
+    assert bids_of(process.agent.view.facts, asked.activation).of(asked.local_task) == {"A": None}
     (problem,) = process.agent.view.facts.problems["A"].items()
     assert problem[0] == "bid for drive"
     assert problem[1].startswith("made no bid: integer from")

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.effects import RequestBid
-from mrbt_mesh.core.agent.health import Health
-from mrbt_mesh.core.agent.inputs import BidMade, BidsMade
-from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Bid
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mrbt_mesh.core.agent.inputs import FeatureInput
 from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.feature import Kit, Part
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.features.bids.facts import Bid
+from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
+from mrbt_mesh.features.bids.needs import BID
+from mrbt_mesh.features.bids.plan import biddings
 
 
-class Bidder:
+class Bidder(Part):
     """Asks the program for bids, and writes them as facts."""
 
-    def __init__(self, context: Context, health: Health) -> None:
-        self._context = context
-        self._health = health
+    def __init__(self, kit: Kit) -> None:
+        self._context = kit.context
+        self._health = kit.health
         # The (activation, local task) pairs for which the program was asked for a bid.
         self._asked: set[tuple[str, str]] = set()
         self._failed: set[str] = set()
 
-    def ask(self, plan: Plan) -> None:
+    def handlers(self) -> Mapping[type[FeatureInput], Callable[[Any, int], object]]:
+        return {BidsMade: self._made}
+
+    def prepare(self, plan: Plan, now_us: int) -> None:
         """Ask this robot's program once for each bid that the plan lacks."""
         context = self._context
         wanted = {
             (bidding.activation, bidding.local_task): bidding.global_task
-            for bidding in plan.biddings
+            for bidding in biddings(plan)
             if context.me in bidding.silent
         }
         fresh = sorted(wanted.keys() - self._asked)
@@ -40,7 +46,7 @@ class Bidder:
                 task = wanted[activation, local_task]
                 context.emit(RequestBid(activation, task, local_task, value, incarnation))
 
-    def made(self, event: BidsMade, now_us: int) -> None:
+    def _made(self, event: BidsMade, now_us: int) -> None:
         """Write bids in one batch. Bids that arrive while the robot joins are requested again."""
         context = self._context
         if context.joining is not None:
@@ -58,7 +64,7 @@ class Bidder:
                 problems[subject] = f"made no bid: {bid.reason or error}"
             if (bid.activation, bid.local_task) in self._asked:
                 # Other bids are no longer needed.
-                writes[f"{records.BID}/{bid.activation}/{bid.local_task}"] = record
+                writes[f"{BID}/{bid.activation}/{bid.local_task}"] = record
         facts: list[Fact] = [(name, writes[name]) for name in sorted(writes)]
         facts += self._health.problem_facts(problems)
         if facts:
