@@ -37,6 +37,7 @@ from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
+from mrbt_mesh.runtime.summary_signature import sign_summary
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import address_of
 
@@ -179,6 +180,7 @@ async def _run(
         async def end() -> None:
             with anyio.CancelScope(shield=True):
                 await team.end()
+            _sign_again(run_dir)
             launched.close()
 
         try:
@@ -200,6 +202,18 @@ async def _run(
             return await session.run()
         finally:
             await end()
+
+
+def _sign_again(run_dir: RunDir) -> None:
+    """Sign the summary once the robots have ended, so that it names their last records.
+
+    It was signed when it was written, in case that this process would not get here.
+    """
+    try:
+        if run_dir.summary() is not None:
+            sign_summary(run_dir)
+    except InputError as error:
+        errors.print(str(error), soft_wrap=True)
 
 
 def overload_text(found: Overload) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import itertools
 import os
 import re
@@ -40,6 +41,14 @@ def _for_owner(path: str, flags: int) -> int:
     return os.open(path, flags, 0o600)
 
 
+def _for_owner_locked(path: str, flags: int) -> int:
+    descriptor = _for_owner(path, flags)
+    # Some network disks have no locks. `is_finished` holds this one for a moment at most.
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+    return descriptor
+
+
 def open_new(path: Path) -> BinaryIO:
     """Open a new file for writing; if it exists, a file with a number in its name.
 
@@ -52,8 +61,21 @@ def open_new(path: Path) -> BinaryIO:
 
 
 def open_part(path: Path) -> BinaryIO:
-    """Create a file that is private to its owner, and must not exist. Raises OSError."""
-    return open(path, "xb", BUFFER_BYTES, opener=_for_owner)
+    """Create a file that is private to its owner, and must not exist. Raises OSError.
+
+    It is locked until it is closed, however its process ends: see `is_finished`.
+    """
+    return open(path, "xb", BUFFER_BYTES, opener=_for_owner_locked)
+
+
+def is_finished(part: Path) -> bool:
+    """Return whether it is certain that no process writes this file any more."""
+    try:
+        with open_regular(part) as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def open_regular(path: Path) -> BinaryIO:

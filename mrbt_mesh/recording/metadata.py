@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -21,21 +21,35 @@ _TIMES = tuple(each.name for each in fields(Timing))
 
 
 class NamedRecording(NamedTuple):
-    """What another file says of a recording: at that time it had a message with this number and
+    """What another file says of a recording: at that time its last message had this number and
     check.
 
-    The check is in hexadecimal. `name`: the file of its first part.
+    The check is in hexadecimal. `name`: the file of its first part. `is_finished`: its writer had
+    ended, so nothing follows that message.
     """
 
     name: str
     number: int
     check: str
+    is_finished: bool = False
 
 
-def parse_named(text: str) -> tuple[NamedRecording, ...]:
-    """Parse named recordings from JSON. Raises ValueError, TypeError or RecursionError."""
-    rows = [(str(name), int(number), str(check)) for name, number, check in json.loads(text)]
-    return tuple(NamedRecording(*row) for row in rows)
+def pack_named(named: Iterable[NamedRecording]) -> list[list[str | int | bool]]:
+    """Return named recordings as JSON lists; files of earlier versions do not have the last
+    column.
+    """
+    return [[*each] if each.is_finished else [*each[:3]] for each in named]
+
+
+def parse_named(data: Iterable[Iterable[Any]]) -> tuple[NamedRecording, ...]:
+    """The inverse of `pack_named`. Raises ValueError or TypeError."""
+    return tuple(_named(*row) for row in data)
+
+
+def _named(name: Any, number: Any, check: Any, is_finished: Any = False) -> NamedRecording:
+    if type(is_finished) is not bool:
+        raise ValueError(f"{name}: is finished, or is not")
+    return NamedRecording(str(name), int(number), str(check), is_finished)
 
 
 @dataclass(frozen=True)
@@ -113,7 +127,7 @@ class RunMetadata:
             "clock": self.clock,
             # Last, because it is not empty: a reader takes zeros at the end for what was never
             # written.
-            "earlier": json.dumps(self.earlier),
+            "earlier": json.dumps(pack_named(self.earlier)),
         }
 
     @staticmethod
@@ -144,7 +158,7 @@ class RunMetadata:
                 values["after_check"],
                 int(values["kept_from"]),
                 _TRUTH[values["has_summary"]],
-                parse_named(values["earlier"]),
+                parse_named(json.loads(values["earlier"])),
                 values["clock"],
             )
         except (KeyError, TypeError, OverflowError, RecursionError) as error:

@@ -15,7 +15,7 @@ import struct
 import weakref
 from array import array
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
@@ -39,6 +39,7 @@ from mrbt_mesh.recording.channels import (
 from mrbt_mesh.recording.folder import (
     READ_BYTES,
     first_part,
+    is_finished,
     number_of_part,
     open_regular,
     parts_of,
@@ -51,7 +52,7 @@ from mrbt_mesh.recording.messages import (
     signed_content,
     to_json,
 )
-from mrbt_mesh.recording.metadata import NamedRecording, RunMetadata
+from mrbt_mesh.recording.metadata import OBSERVER, NamedRecording, RunMetadata
 
 CHECK_LENGTH = len(',"check":""}') + 2 * CHECK_BYTES
 _CHECK = re.compile(rb',"check":"([0-9a-f]{%d})"\}' % (2 * CHECK_BYTES))
@@ -361,30 +362,42 @@ def state_end(records: RecordedMessages) -> int:
     return records.topics.index(PARTS) + 1 if PARTS in records.topics else 0
 
 
-def named(files: Iterable[Path], run: str) -> tuple[NamedRecording, ...]:
+def named(
+    files: Iterable[Path], run: str, owners: Collection[str] | None = None
+) -> tuple[NamedRecording, ...]:
     """Return how far the recordings with these first parts have been written.
 
     The first parts themselves may be gone. Recordings of other runs, and empty or unreadable ones,
     are skipped. Only the last messages are read.
+
+    `owners`: the robots that record in these very files, by default all. The file of another one
+    may be a copy from its computer, which grows by being copied again.
     """
     found = []
     for path in files:
-        for part in reversed(parts_of(path)):
+        parts = parts_of(path)
+        # Tested before it is read, so that what nobody writes any more is read to its end.
+        has_ended = bool(parts) and is_finished(parts[-1]) and parts_of(path) == parts
+        for part in reversed(parts):
             last = _last_message(part, run)
             if last is not None:
-                found.append(NamedRecording(path.name, last[0], last[1].hex()))
+                robot, number, check = last
+                is_owned = owners is None or robot == OBSERVER or robot in owners
+                is_last = has_ended and part == parts[-1] and is_owned
+                found.append(NamedRecording(path.name, number, check.hex(), is_last))
                 break
     return tuple(found)
 
 
-def _last_message(path: Path, run: str) -> tuple[int, bytes] | None:
+def _last_message(path: Path, run: str) -> tuple[str, int, bytes] | None:
+    """Return the recording's robot, and number and check of its last message."""
     try:
         reading = _Reading(open_regular(path), checks_schemas=False)
         reading.skip()
     except (OSError, struct.error, ValueError):
         return None
-    is_of_run = reading.metadata is not None and reading.metadata.get("run") == run
-    return reading.last if is_of_run else None
+    metadata = reading.metadata or {}
+    return (metadata.get("robot", ""), *reading.last) if metadata.get("run") == run else None
 
 
 def _read_file(path: Path, checks_schemas: bool) -> Recording:

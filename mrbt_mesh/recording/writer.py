@@ -173,9 +173,10 @@ class RecordingWriter:
         number, head = self._metadata.part, self._encoder.head
         self._end_file()
         self._kept[number] = self._file.tell()
-        self._file.close()
         obsolete = self._obsolete()
-        self._file = open_part(part_path(self._first, number + 1))
+        # Before the other one is closed: at any time, one part of what goes on is locked.
+        before, self._file = self._file, open_part(part_path(self._first, number + 1))
+        before.close()
         metadata = replace(
             self._metadata,
             part=number + 1,

@@ -16,6 +16,7 @@ from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES
 from mrbt_mesh.runtime.recording import GuardedRecorder, cannot_record, metadata_of
+from mrbt_mesh.runtime.run_dir import RunDir
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def observer_recording(
         earlier=named(
             [*earlier_files(to.path), *first_parts(robot_files(to.path.parent))],
             run,
+            RunDir(to.path.parent).robots(),
         ),
     )
     try:

@@ -1,6 +1,7 @@
 """The signature of a run's summary.json, by the observer that wrote it.
 
-It also covers the number of commands noted by then, and the recordings that existed.
+It also covers the number of commands noted by then, and the recordings that existed: of one whose
+writer had ended, to its last record.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 from mrbt_mesh.core.membership.keys import Keys, Role
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
-from mrbt_mesh.recording.metadata import NamedRecording, parse_named
+from mrbt_mesh.recording.metadata import NamedRecording, pack_named, parse_named
 from mrbt_mesh.recording.reader import named
 from mrbt_mesh.runtime.command_log import head_of, read_commands
 from mrbt_mesh.runtime.key_folder import KeyFolder
@@ -36,7 +37,7 @@ def sign_summary(run_dir: RunDir) -> None:
         commands = head_of(read_commands(run_dir.path / COMMANDS_FILE))
         files = first_parts([*observer_files(run_dir.path), *robot_files(run_dir.path)])
         run = run_dir.info().run
-        covered = Covered(run, commands, named(files, run))
+        covered = Covered(run, commands, named(files, run, run_dir.robots()))
         write_atomically(path, signature_of(keys, summary, covered))
     except OSError as error:
         raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error
@@ -56,7 +57,7 @@ class Covered:
 
     def content(self, summary: bytes) -> bytes:
         """Return the bytes that are signed."""
-        text = json.dumps([self.run, self.commands, self.recordings])
+        text = json.dumps([self.run, self.commands, pack_named(self.recordings)])
         return b"mrbt summary\0" + text.encode() + b"\0" + summary
 
 
@@ -78,7 +79,11 @@ class SignedSummary:
 def signature_of(keys: Keys, summary: bytes, covered: Covered) -> str:
     """Return the content of the signature's file."""
     signature = keys.sign(covered.content(summary)).hex()
-    data = {"by": keys.name, "commands": covered.commands, "recordings": covered.recordings}
+    data = {
+        "by": keys.name,
+        "commands": covered.commands,
+        "recordings": pack_named(covered.recordings),
+    }
     return json.dumps({**data, "signature": signature}) + "\n"
 
 
@@ -86,7 +91,7 @@ def parse_signature(text: str, run: str) -> SignedSummary:
     """The inverse of `signature_of`; raises ValueError."""
     try:
         data = json.loads(text)
-        recordings = parse_named(json.dumps(data["recordings"]))
+        recordings = parse_named(data["recordings"])
         covered = Covered(run, str(data["commands"]), recordings)
         found = SignedSummary(str(data["by"]), covered, bytes.fromhex(data["signature"]))
     except (TypeError, KeyError, RecursionError) as error:

@@ -9,14 +9,17 @@ import os
 import struct
 from dataclasses import asdict
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.recording import writer
+from mrbt_mesh.recording.folder import open_part
 from mrbt_mesh.recording.mcap_file import MAGIC
-from mrbt_mesh.recording.metadata import RunMetadata
+from mrbt_mesh.recording.metadata import RunMetadata, pack_named, parse_named
 from mrbt_mesh.recording.reader import RecordingError, named, parse_recording, read_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 from tests.support.build import action, make_mission, task
@@ -131,3 +134,39 @@ def test_a_pipe_is_refused_and_nobody_is_waited_for(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="it is not a regular file"):
         read_recording(tmp_path / "a.mcap")
     assert named([tmp_path / "a.mcap"], "r1") == ()
+
+
+def test_a_recording_is_finished_when_nobody_writes_it_any_more(tmp_path: Path) -> None:
+    path, metadata = tmp_path / "a.mcap", RunMetadata.of(MISSION, "A", "r1", Timing(), 0, "1")
+    recording = RecordingWriter(path, metadata)
+    recording.write("/alive", 1, {"robots": {"A": "1.x"}})
+    recording.flush(1)
+    (goes_on,) = named([path], "r1")
+    assert (goes_on.number, goes_on.is_finished) == (1, False)
+    recording.abandon()
+    (ended,) = named([path], "r1")
+    assert ended == goes_on._replace(is_finished=True)
+    assert named([path], "r1", owners=["A"]) == (ended,)
+    assert named([path], "r1", owners=["B"]) == (goes_on,), "it may be a copy"
+    assert parse_named(pack_named([ended, goes_on])) == (ended, goes_on)
+
+
+def test_a_recording_goes_on_while_another_part_of_it_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, metadata = tmp_path / "a.mcap", RunMetadata.of(MISSION, "A", "r1", Timing(), 0, "1")
+    recording = RecordingWriter(path, metadata, 1 << 20)
+    recording.write("/alive", 1, {"robots": {"A": "1.x"}})
+    seen = []
+
+    def opened(part: Path) -> BinaryIO:
+        seen.extend(named([path], "r1"))
+        found = open_part(part)
+        seen.extend(named([path], "r1"))
+        return found
+
+    monkeypatch.setattr(writer, "open_part", opened)
+    recording.begin_part(MISSION, (), {"incarnation": "", "sequence": 0, "ticket": 0}, 2)
+    assert [each.is_finished for each in (*seen, *named([path], "r1"))] == [False] * 3
+    recording.close()
+    assert named([path], "r1")[0].is_finished

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.recording.channels import BEATS, CHANNELS, ROBOTS
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
+from mrbt_mesh.recording.mcap_file import channel_numbers, message
+from mrbt_mesh.recording.messages import next_check, to_json
 from mrbt_mesh.recording.metadata import OBSERVER
 from mrbt_mesh.recording.reader import Recording, read_recordings
 from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
@@ -70,3 +73,19 @@ def read_all(folder: Path) -> list[Recording]:
 def state_text(state: Mapping[str, Any]) -> str:
     """The same state is the same text."""
     return json.dumps(state, sort_keys=True, indent=2)
+
+
+def with_one_more(recording: Recording) -> bytes:
+    """A killed robot's recording, with what it said last of another one again behind its end.
+
+    Anybody can compute the check, and what is behind the last signature is not signed.
+    """
+    assert recording.cut_off_at is not None
+    last = [*recording.records.of(ROBOTS)][-1]
+    at_ns = recording.metadata.epoch_ns + recording.records[-1].at_us * 1_000
+    number, body = recording.last[0] + 1, to_json(last.data).encode()
+    check = next_check(recording.last[1], number, ROBOTS, at_ns, body).hex()
+    channel = channel_numbers(topic for topic in CHANNELS if topic != BEATS)[ROBOTS]
+    text = body[:-1] + f',"check":"{check}"}}'.encode()
+    whole = recording.path.read_bytes()[: recording.cut_off_at]
+    return whole + message(channel, number, at_ns, text)

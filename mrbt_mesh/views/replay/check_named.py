@@ -24,9 +24,9 @@ def check_named(
     """Yield differences from what the file `by` names: a gap if missing, a change if different."""
     for each in named:
         here = [r for r in recordings if first_part(r.path).name == each.name]
-        if any(_has(recording, each) for recording in (*here, *recordings)):
-            continue
-        if not here:
+        if has_it := [recording for recording in recordings if _has(recording, each)]:
+            yield from _added(by, each, [*has_it, *here])
+        elif not here:
             yield Gap(GapKind.NAMED, each.name, f"it is missing, and {by} names it", _REMEDY)
         elif all(each.number > recording.last[0] for recording in here):
             text = f"it ends at record {here[-1].last[0]}, and {by} names its record {each.number}"
@@ -34,6 +34,25 @@ def check_named(
         else:
             text = "what was recorded until here is not what was there before"
             yield RecordingFinding(each.name, each.number, 0, text, (by,))
+
+
+def _added(
+    by: str, named: NamedRecording, recordings: Sequence[Recording]
+) -> Iterator[RecordingFinding]:
+    """Yield what stands behind the last record of a finished recording."""
+    end = max(recordings, key=lambda each: each.last[0])
+    if named.is_finished and end.last[0] > named.number:
+        text = f"what follows was added: record {named.number} was the last when {by} was written"
+        yield RecordingFinding(end.name_at(named.number + 1), named.number + 1, 0, text, (by,))
+
+
+def finished_by(recording: Recording, finished: Sequence[tuple[str, NamedRecording]]) -> str:
+    """Return the file that says that this recording was finished with its last record, or an empty
+    text.
+    """
+    number, check = recording.last
+    ends = (by for by, each in finished if (each.number, each.check) == (number, check.hex()))
+    return next(ends, "")
 
 
 def not_covered(covered: Covered, recordings: Sequence[Recording]) -> Iterator[Recording]:

@@ -14,7 +14,7 @@ from mrbt_mesh.sim import Kill, Restart
 from mrbt_mesh.views.replay.check_named import check_named
 from mrbt_mesh.views.replay.findings import GapKind, Verification
 from mrbt_mesh.views.replay.verify import verify
-from tests.support.recorded import read_all, record_keyed
+from tests.support.recorded import read_all, record_keyed, with_one_more
 
 FAULTS = ((4_000_000, Kill("A1")), (6_000_000, Restart("A1")))
 
@@ -74,3 +74,26 @@ def test_nothing_is_named_of_another_run_or_of_what_holds_nothing(tmp_path: Path
     assert named([path], "another run") == ()
     os.truncate(path, 10)
     assert named([path], run) == ()
+
+
+def test_what_is_added_to_a_finished_recording_is_a_change(run: tuple[Path, Manifest]) -> None:
+    """A1 was killed: only the recording of its next process shows where the first one ended."""
+    path = robot_file(run[0], "A1")
+    killed = next(each for each in read_all(run[0]) if each.path == path)
+    path.write_bytes(with_one_more(killed))
+    number = killed.last[0]
+    assert [str(each) for each in verified(run).findings] == [
+        f"A1.mcap: record {number + 1}: what follows was added: record {number} was the last when "
+        "A1.2.mcap was written (contradicted by A1.2.mcap)"
+    ]
+
+
+def test_what_goes_on_is_named_up_to_there_and_may_grow(tmp_path: Path) -> None:
+    record_keyed(tmp_path, "explore", 3)
+    recordings = read_all(tmp_path)
+    (whole,) = named([recordings[0].path], recordings[0].metadata.run)
+    assert whole.is_finished
+    number = whole.number - 1
+    earlier = whole._replace(number=number, check=recordings[0].records.check_of(number))
+    assert len([*check_named("a", [earlier], recordings)]) == 1
+    assert [*check_named("a", [earlier._replace(is_finished=False)], recordings)] == []
