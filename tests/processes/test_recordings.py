@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
+import signal
 
 import anyio
+import psutil
+import pytest
 
 from mrbt_mesh.recording.channels import BEATS
 from mrbt_mesh.recording.folder import observer_file, robot_file, robot_files
 from mrbt_mesh.recording.messages import unpack_fact
 from mrbt_mesh.recording.player import Player
-from mrbt_mesh.recording.reader import Recording, read_recording
+from mrbt_mesh.recording.reader import Recording, named, read_recording
 from mrbt_mesh.recording.recorded_state import team_state
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team_address import address_of
 from mrbt_mesh.runtime.watcher import watching
-from tests.support.recorded import state_text
+from tests.support.recorded import state_text, with_one_more
 from tests.support.team import EXPLORE, Team
 
 
@@ -63,6 +66,58 @@ def test_a_killed_robot_has_recorded_all_that_others_heard_of_it(team: Team) -> 
         facts = at_the_end(read_recording(robot_file(team.run_dir, robot))).state.facts.map
         kept = {(e.author, e.name, e.version, e.packed) for e in journals[robot]}
         assert {(e.author, e.name, e.version, e.packed) for e in facts} == kept, robot
+
+
+def test_nothing_can_be_added_to_a_killed_robots_recording_once_the_run_has_ended(
+    team: Team,
+) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_event("explore", "start")
+    team.mrbt("kill", "R1", "--run-dir", str(team.run_dir))
+    team.wait_for_line("R1 is dead")
+    team.release()
+    team.end()
+    signed = json.loads((team.run_dir / "summary.signature").read_text())
+    assert [(name, *rest) for name, _, _, *rest in signed["recordings"]] == [
+        ("R1.mcap", True),
+        ("R2.mcap", True),
+        ("run.mcap", True),
+    ]
+    path = robot_file(team.run_dir, "R1")
+    path.write_bytes(with_one_more(read_recording(path)))
+    done = team.command("recording", "verify", str(team.run_dir), "--json")
+    findings = json.loads(done.stdout)["findings"]
+    assert len(findings) == 1, findings
+    (finding,) = findings
+    assert (finding["file"], finding["against"]) == ("R1.mcap", ["summary.json"])
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("who", ["mrbt up", "all robots"])
+def test_a_run_that_was_killed_is_proved_once_its_end_is_signed(team: Team, who: str) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
+    recorded, run = [observer_file(team.run_dir)], RunDir(team.run_dir).info().run
+    team.wait_until(lambda: any(each.number for each in named(recorded, run)), "it is recorded")
+    processes = team.running()
+    if who == "mrbt up":
+        team.signal_launcher(signal.SIGKILL)
+        psutil.wait_procs(processes)
+        done = team.command("recording", "verify", str(team.run_dir), "--json")
+        (gap,) = json.loads(done.stdout)["not_proved"]
+        assert (gap["kind"], gap["of"], done.returncode) == ("end", "run.mcap", 1)
+        assert "its observer ended before it wrote summary.json" in gap["text"]
+        assert gap["remedy"].startswith(f"`mrbt status --run-dir {team.run_dir}` writes")
+        team.mrbt("status", "--run-dir", str(team.run_dir))
+    else:
+        for process in processes:
+            process.kill()
+        team.end()
+    told = json.loads(team.mrbt("recording", "verify", str(team.run_dir), "--json"))
+    ends = [each["end"] for each in told["proved"]]
+    assert "no end: ended abruptly (nobody wrote it any more when summary.json was written)" in ends
 
 
 def test_one_who_watches_records_the_state_that_it_holds(team: Team) -> None:

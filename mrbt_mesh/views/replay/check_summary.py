@@ -10,7 +10,7 @@ from typing import Any
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest
-from mrbt_mesh.runtime.summary_signature import parse_signature
+from mrbt_mesh.runtime.summary_signature import Covered, parse_signature
 from mrbt_mesh.views.replay.check_named import check_named, not_covered
 from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
 
@@ -49,6 +49,15 @@ def check_summary(
     return findings, gaps
 
 
+def covered_by(summary: SummaryFile, run: str, manifest: Manifest) -> Covered | None:
+    """Return what was signed together with the summary; None if it is not what was signed."""
+    try:
+        found = parse_signature(summary.signature, run)
+    except ValueError:
+        return None
+    return found.covered if found.is_for(manifest, summary.content) else None
+
+
 def missing_summary(recordings: Sequence[Recording]) -> Iterator[Gap]:
     """Report a missing summary: it must exist if its observer has come to its end."""
     for each in recordings:
@@ -63,17 +72,13 @@ def _signed(
     """Check that it is what was signed, at the end of the newest recordings and with all named
     ones.
     """
-    try:
-        found = parse_signature(summary.signature, recordings[0].metadata.run)
-        is_signed = found.is_for(manifest, summary.content)
-    except ValueError:
-        is_signed = False
-    if not is_signed:
+    covered = covered_by(summary, recordings[0].metadata.run, manifest)
+    if covered is None:
         text = "it is not what was signed in summary.signature"
         yield RecordingFinding(FILE, 0, 0, text)
         return
-    yield from check_named(FILE, found.covered.recordings, recordings)
-    for each in not_covered(found.covered, recordings):
+    yield from check_named(FILE, covered.recordings, recordings)
+    for each in not_covered(covered, recordings):
         text = "it is of an earlier end of the run: it was signed before this recording began"
         yield RecordingFinding(FILE, 0, 0, text, (each.name,))
 

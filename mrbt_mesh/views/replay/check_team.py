@@ -11,14 +11,18 @@ from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.folder import FOLDER, first_part, number_of_part
 from mrbt_mesh.recording.messages import read_incarnation
+from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, Signature
 from mrbt_mesh.recording.writer import SIGN_US
+from mrbt_mesh.runtime.launcher_lock import LEAVE_LIMIT_S
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
-from mrbt_mesh.views.replay.check_named import check_named
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
+from mrbt_mesh.views.replay.check_named import check_named, finished_by
 from mrbt_mesh.views.replay.check_recording import RecordingCheck
 from mrbt_mesh.views.replay.findings import Gap, GapKind, ProvedRecording, RecordingFinding
 
 _WITHOUT = "start the team without --insecure (simulated runs have no keys)"
+_ACCEPT_END = f"if nothing more was recorded, accept it with --accept {GapKind.END}"
 _WITHOUT_KEYS = "give --keys, a folder with the team's manifest"
 # The clocks of a team's computers may differ by this much.
 CLOCKS_US = 5_000_000
@@ -26,10 +30,16 @@ CLOCKS_US = 5_000_000
 
 @dataclass
 class TeamCheck:
-    """Checks recordings together. Call `run` once, after each recording was checked by itself."""
+    """Checks recordings together. Call `run` once, after each recording was checked by itself.
+
+    `finished`: which files say of which recordings that nobody wrote them any more. `unfinished`:
+    the run directory if its summary, which says so of all, can still be written; else empty.
+    """
 
     checks: Sequence[RecordingCheck]
     manifest: Manifest | None
+    finished: Sequence[tuple[str, NamedRecording]] = ()
+    unfinished: str = ""
     proved: list[ProvedRecording] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     findings: list[RecordingFinding] = field(default_factory=list)
@@ -124,15 +134,13 @@ class TeamCheck:
         recording = check.recording
         if not recording.records:
             text = "it holds no record: its writer was ended at once"
-            self._gap(
-                GapKind.END, recording.name, _with_torn(text, recording), "give the whole file"
-            )
+            self._gap(GapKind.END, recording.name, _with_torn(text, recording), _ACCEPT_END)
             return
         last = self._last_signature(check)
         is_ended = recording.cut_off_at is None
         if self.manifest is not None:
             is_ended = last is not None and last.is_end
-        end = "its end" if is_ended else self._explained_end(recording)
+        end = "its end" if is_ended else self._explained_end(recording, last)
         end = _with_torn(end, recording)
         if self.manifest is None:
             return
@@ -172,7 +180,7 @@ class TeamCheck:
             was_signed(self.manifest, each.by, each.content, each.signature, role) for role in roles
         )
 
-    def _explained_end(self, recording: Recording) -> str:
+    def _explained_end(self, recording: Recording, last: Signature | None) -> str:
         """Return why a recording has no end, from the other recordings.
 
         Without an explanation, add a gap.
@@ -183,11 +191,7 @@ class TeamCheck:
         found = sorted(self._deaths(recording, life)) if life is not None else []
         last_us = _unix_us(recording, recording.records[-1].at_us)
         if not found:
-            what = f"{robot} died" if robot else "the observer ended"
-            text = f"it has no end, and no other recording says that {what}"
-            remedy = "give the whole file; what the power or a full disk cut off is lost"
-            self._gap(GapKind.END, recording.name, _with_torn(text, recording), remedy)
-            return "no end"
+            return self._finished_end(recording, last)
         at_us, by, looked_us = found[0]
         timing = recording.metadata.timing
         # A recording that began later, or whose robot joined later, has not watched before: all may
@@ -199,6 +203,33 @@ class TeamCheck:
         at_s = (at_us - _unix_us(recording, recording.begin_us)) / 1e6
         others = ", ".join(sorted({name for _, name, _ in found}))
         return f"no end: killed ({others} noticed, at {at_s:.3f} s first)"
+
+    def _finished_end(self, recording: Recording, last: Signature | None) -> str:
+        """Return who says that a recording had ended abruptly; without anybody, add a gap."""
+        by = finished_by(recording, self.finished)
+        if by and not self._ends_early(recording):
+            return f"no end: ended abruptly (nobody wrote it any more when {by} was written)"
+        robot, until_us = recording.metadata.robot, recording.records[-1].at_us
+        signed = f"signed until {_seconds(recording, last.until_us)} s" if last else "not signed"
+        text = f"it ends abruptly at {_seconds(recording, until_us)} s ({signed})"
+        if robot:
+            text += f", and nothing says that {robot} died"
+        elif recording.metadata.has_summary:
+            text += f": its observer ended before it wrote {SUMMARY_FILE}"
+        remedy = _ACCEPT_END
+        if self.unfinished:
+            remedy = f"`mrbt status --run-dir {self.unfinished}` writes the signed {SUMMARY_FILE}"
+        self._gap(GapKind.END, recording.name, _with_torn(text, recording), remedy)
+        return "no end"
+
+    def _ends_early(self, recording: Recording) -> bool:
+        """Return whether robots went on for longer than they do without what launched them."""
+        end_us = _unix_us(recording, recording.records[-1].at_us)
+        known = (check.recording for check in self.checks if not recording.metadata.robot)
+        others = [each for each in known if each.records]
+        begun = [each for each in others if _unix_us(each, each.begin_us) <= end_us]
+        last_us = max((_unix_us(each, each.records[-1].at_us) for each in begun), default=end_us)
+        return last_us - end_us > round(LEAVE_LIMIT_S * 1e6) + CLOCKS_US
 
     def _deaths(self, recording: Recording, life: Incarnation) -> Iterator[tuple[int, str, int]]:
         """Yield (Unix time, file, watching since) of recordings in which this life is over."""
@@ -350,6 +381,10 @@ def _last_life(recording: Recording) -> Incarnation | None:
 
 def _is_over(life: Incarnation, known: Incarnation, data: object) -> bool:
     return known > life or (known == life and isinstance(data, dict) and data["state"] == "dead")
+
+
+def _seconds(recording: Recording, at_us: int) -> str:
+    return f"{max(0, at_us - recording.begin_us) / 1e6:.3f}"
 
 
 def _unix_us(recording: Recording, at_us: int) -> int:

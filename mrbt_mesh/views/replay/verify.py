@@ -11,21 +11,28 @@ import heapq
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
+from shlex import quote
 
 from mrbt_mesh.core.facts.records import PROBLEM, RECORDING
 from mrbt_mesh.core.facts.store import Incarnation, Version
 from mrbt_mesh.core.membership.keys import Authorship
+from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.command_log import NotedCommand
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
+from mrbt_mesh.runtime.run_dir import RUN_FILE, SUMMARY_FILE
 from mrbt_mesh.views.replay.check_derived import early
 from mrbt_mesh.views.replay.check_files import RunDirFiles, check_files
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
+from mrbt_mesh.views.replay.check_summary import covered_by
 from mrbt_mesh.views.replay.check_team import TeamCheck, lives
 from mrbt_mesh.views.replay.checked_recording import RecordedFact
 from mrbt_mesh.views.replay.findings import Verification
 
-NO_SUMMARY = "without a signed summary.json, the end of commands.jsonl is not proved"
+NO_SUMMARY = (
+    "without a signed summary.json, the end of commands.jsonl is not proved, nor that nothing was "
+    "added to the recordings of killed robots"
+)
 _Key = tuple[str, str, Version]
 
 
@@ -60,7 +67,7 @@ def verify(
     _missing(checks)
     for check, fact in early(checks):
         check.add(fact, f"{fact.author}'s {fact.name} is written before the time for it")
-    team = TeamCheck(checks, manifest)
+    team = TeamCheck(checks, manifest, _finished(files, recordings, manifest), _unfinished(files))
     team.run()
     findings = [*team.findings, *(each for check in checks for each in check.findings)]
     commands: Sequence[NotedCommand] = ()
@@ -88,6 +95,24 @@ def verify(
         files.others if files is not None else (),
         tuple(commands),
     )
+
+
+def _finished(
+    files: RunDirFiles | None, recordings: Sequence[Recording], manifest: Manifest | None
+) -> list[tuple[str, NamedRecording]]:
+    """Return which files say of which recordings that they were finished."""
+    found = [(each.name, named) for each in recordings for named in each.metadata.earlier]
+    if files is not None and files.summary is not None and manifest is not None:
+        covered = covered_by(files.summary, recordings[0].metadata.run, manifest)
+        found += [(SUMMARY_FILE, named) for named in (covered.recordings if covered else ())]
+    return [(by, named) for by, named in found if named.is_finished]
+
+
+def _unfinished(files: RunDirFiles | None) -> str:
+    """Return the run directory, as a shell reads it, if `mrbt status` writes its summary."""
+    if files is None or files.path is None or files.summary is not None:
+        return ""
+    return quote(str(files.path)) if RUN_FILE in files.others else ""
 
 
 def _run(recording: Recording) -> tuple[str, str]:

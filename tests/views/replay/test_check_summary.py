@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +14,7 @@ from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import RecordedMessages, Recording, named
 from mrbt_mesh.runtime.member_keys import Manifest
 from mrbt_mesh.runtime.summary_signature import Covered, signature_of
+from mrbt_mesh.views.replay import check_team
 from mrbt_mesh.views.replay.check_files import RunDirFiles
 from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
 from mrbt_mesh.views.replay.verify import verify
@@ -105,3 +108,42 @@ def test_a_recording_that_the_summary_names_is_missed(run: Run) -> None:
 def test_a_deeply_nested_summary_is_malformed(run: Run) -> None:
     content = b"[" * 100_000
     assert any("malformed" in text for text in found(run, content, signed(run, content)))
+
+
+def test_a_signed_summary_explains_an_abrupt_end(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that was known of a killed `mrbt up`, or of the last robot that was killed."""
+    recordings, manifest, content = run
+    at_end = named([each.path for each in recordings], recordings[0].metadata.run)
+    for index, recording in ((-1, recordings[-1]), (0, recordings[0])):
+        signatures = tuple(each for each in recording.signatures if not each.is_end)
+        abrupt = replace(recording, signatures=signatures, cut_off_at=1)
+        here = [*recordings]
+        here[index] = abrupt
+
+        def gaps(here: list[Recording], names: tuple[NamedRecording, ...] | None) -> list[str]:
+            summary = None
+            if names is not None:
+                summary = SummaryFile(content, covering(run, content, names))
+            others = ("run.json",) if names is None else ()
+            files = RunDirFiles(summary, others=others, path=Path("my run"))
+            return [str(gap) for gap in verify(here, manifest, files).gaps]
+
+        assert gaps(here, at_end) == []
+        goes_on = tuple(each._replace(is_finished=False) for each in at_end)
+        (text,) = gaps(here, goes_on)
+        assert re.match(rf"{recording.name}: it ends abruptly at [0-9.]+ s \(signed until ", text)
+        assert text.endswith("if nothing more was recorded, accept it with --accept end")
+        (text,) = gaps(here, None)
+        assert text.endswith("`mrbt status --run-dir 'my run'` writes the signed summary.json")
+    monkeypatch.setattr(check_team, "LEAVE_LIMIT_S", 0.0)
+    monkeypatch.setattr(check_team, "CLOCKS_US", 0)
+    observer = recordings[-1]
+    earlier = replace(observer.metadata, epoch_ns=observer.metadata.epoch_ns - 1_000_000_000)
+    signatures = tuple(each for each in observer.signatures if not each.is_end)
+    cut = replace(observer, metadata=earlier, signatures=signatures, cut_off_at=1)
+    verdict = verify(
+        [*recordings[:-1], cut],
+        manifest,
+        RunDirFiles(SummaryFile(content, covering(run, content, at_end))),
+    )
+    assert any("run.mcap: it ends abruptly at" in str(gap) for gap in verdict.gaps)
