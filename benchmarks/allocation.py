@@ -40,6 +40,7 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
 )
 from mrbt_mesh.core.mission.travel import Travel
+from mrbt_mesh.features.bids.needs import bid_rule
 from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.run import simulate
@@ -95,7 +96,7 @@ def mission_of(case: Mapping[str, Any], plain: bool) -> Mission:
         global_tasks={
             f"task({number})": GlobalTask(
                 f"task({number})",
-                tuple(Need(name, 1, 1, None, plain) for name in names),
+                tuple(Need(name, 1, 1, None, bid_rule() if plain else ()) for name in names),
                 simultaneous=True,
             )
             for number, names in needs.items()

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.planning.consistency import LimitCheck
     from mrbt_mesh.core.planning.demands import Demand, Group
     from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
-    from mrbt_mesh.formats.mission_model import MissionModel
-    from mrbt_mesh.formats.problems import Report
+    from mrbt_mesh.formats.mission_model import MissionModel, NeedModel
+    from mrbt_mesh.formats.problems import Report, SourcePath
     from mrbt_mesh.observer.feature_history import FeatureHistory
     from mrbt_mesh.sim.chaos.feature_chaos import FeatureChaos
     from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
@@ -263,6 +263,10 @@ class Feature:
         """What limits which robots a plan may have work together; one feature at most has any."""
         return None
 
+    def is_performance_rule(self, rule: Sequence[Any]) -> bool:
+        """Whether this is a `Need.performance_rule` of the feature, and not damaged."""
+        return False
+
     # -- the mission file ---------------------------------------------------------------------
 
     def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
@@ -274,6 +278,14 @@ class Feature:
     def build(self, model: MissionModel, built: Built, report: Report) -> Any:
         """The section of a mission from its file; problems go to the report. Empty: it has none."""
         return None
+
+    def performance_rule(
+        self, need: NeedModel, local_task: str, path: SourcePath, report: Report
+    ) -> tuple[Any, ...]:
+        """The `Need.performance_rule` for this local task, empty if the feature has none; problems
+        go to the report. `local_task`: empty while it is not known which one it is.
+        """
+        return ()
 
     # -- facts, plans and agents --------------------------------------------------------------
 

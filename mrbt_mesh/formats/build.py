@@ -49,12 +49,12 @@ from mrbt_mesh.formats.expand import (
 from mrbt_mesh.formats.failure_reasons import condition_types
 from mrbt_mesh.formats.jobs import JobTypes
 from mrbt_mesh.formats.mission_model import (
-    BidModel,
     Blocked,
     FailAfterModel,
     FailurePolicyModel,
     GlobalTaskModel,
     MissionModel,
+    NeedModel,
     RobotModel,
     SameRobotModel,
     validate,
@@ -251,9 +251,7 @@ class _Builder:
                 if need.max is not None and need.min > need.max:
                     message = f"min (nu) is {need.min}, but max (mu) is {need.max}"
                     self.report.add(path, f"{message}; max has to be at least min")
-                if isinstance(need.performance, BidModel):
-                    place = (*path, "performance", "bid_within_s")
-                    micro_or_report(need.performance.bid_within_s, place, self.report)
+                self.performance_rule(need, "", path)
             self.blocked_us(task.blocked, ("global_tasks", name, "blocked", "fail_after_s"))
             self.failure(task, ("global_tasks", name, "failure", "after_s"))
             self.begin_within_us(task, ("global_tasks", name, "begin_within_s"))
@@ -391,17 +389,17 @@ class _Builder:
                     same = self.same_robot(need.same_robot_as, scope, (*path, "same_robot_as"))
             except ValueError as error:
                 self.report.add(path, f"in {ground}: {error}")
-            bid = need.performance
-            within_us = None
-            if isinstance(bid, BidModel):
-                within_us = micro_or_report(bid.bid_within_s, path, self.report)
-            by_bid = bid != "declared"
-            if by_bid and entries_in(local):
-                message = "a bid is made before anything is read from the blackboard"
-                self.report.add(path, f"{message}; declare the performance")
-            needs[local] = Need(local, need.min, most, same, by_bid, within_us)
+            rule = self.performance_rule(need, local, path)
+            needs[local] = Need(local, need.min, most, same, rule)
             needed[local] = arguments
         return tuple(needs.values())
+
+    def performance_rule(
+        self, need: NeedModel, local_task: str, path: SourcePath
+    ) -> tuple[Any, ...]:
+        """The rule of the feature that has one for this need."""
+        given = (each.performance_rule(need, local_task, path, self.report) for each in features())
+        return next(filter(None, given), ())
 
     def check_effects(self) -> None:
         conditions = {name: list(each.parameters) for name, each in self.model.conditions.items()}

@@ -28,7 +28,6 @@ from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import (
-    MAX_BID_WITHIN_US,
     MAX_CHOICES,
     MAX_COST,
     MAX_GLOBAL_TASKS,
@@ -36,7 +35,6 @@ from mrbt_mesh.core.mission.mission import (
     MAX_NUMBER,
     MAX_PRIORITY,
     MAX_ROBOTS,
-    MICRO,
 )
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_OVERTAKING, MAX_PLACES
@@ -258,28 +256,17 @@ class SameRobotModel(FileModel):
     local_task: CallText | None = None
 
 
-class BidModel(FileModel):
-    """Bids that are waited for this many seconds."""
-
-    bid_within_s: Annotated[float, Field(gt=0, le=MAX_BID_WITHIN_US / MICRO)]
-
-
+@with_features
 class NeedModel(FileModel):
     """How many robots a local task needs (`min`, nu) and can use (`max`, mu; default `min`).
 
     `min: 0`: robots may help with it, and none has to.
     `same_robot_as`: only robots that have succeeded with that before.
-    `performance: bid`: how well a robot does it is known only to the robot, which bids for it.
     """
 
     min: Annotated[int, Field(ge=0, le=MAX_ROBOTS)] = 1
     max: Count | None = None
     same_robot_as: SameRobotModel | None = None
-    performance: Annotated[
-        Annotated[Literal["declared", "bid"], Tag("<text>")]
-        | Annotated[BidModel, Tag("<mapping>")],
-        by_type("declared, bid, or {bid_within_s: 0.5}", {str: "<text>", dict: "<mapping>"}),
-    ] = "declared"
 
 
 class FailurePolicyModel(FileModel):

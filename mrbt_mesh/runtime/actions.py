@@ -14,7 +14,7 @@ from enum import Enum
 from functools import partial
 from itertools import product
 from numbers import Real
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import anyio
 import anyio.abc
@@ -39,15 +39,9 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, TravelTimes
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.jobs import program_tree
-from mrbt_mesh.core.mission.mission import (
-    MAX_BID_WITHIN_US,
-    MAX_PERFORMANCE,
-    MICRO,
-    Mission,
-)
+from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name, with_entries
 from mrbt_mesh.core.mission.travel import MAX_MS, MAX_TIMED_PLACES
-from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.backgrounds import BackgroundRunner
 from mrbt_mesh.runtime.context import RobotContext, Simulation, TaskContext
@@ -56,7 +50,10 @@ from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramFuncti
 from mrbt_mesh.runtime.program_loader import check_program
 from mrbt_mesh.runtime.step_gate import StepGate
 from mrbt_mesh.runtime.task_port import AgentPort, Host
-from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, shown, wrong_result
+from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, wrong_result
+
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.bid_calls import BidCalls
 
 _T = TypeVar("_T")
 EXPECTED = (
@@ -66,8 +63,6 @@ EXPECTED = (
 ProgramEffect: TypeAlias = StartAction | CancelAction | FeatureEffect | CheckMission | UseMission
 # Cancelled code that still runs after this time is reported.
 CANCEL_LIMIT_S = 5.0
-# The longest that any mission waits for a bid.
-BID_LIMIT_S = MAX_BID_WITHIN_US / MICRO
 # Limit for computing the travel times between all places of a robot.
 TRAVEL_TIMES_LIMIT_S = 5.0
 
@@ -82,17 +77,6 @@ class RobotIdentity:
     speed: float
     capabilities: tuple[str, ...] = ()
     is_virtual: bool = False
-
-
-def micro_bid(value: Any) -> int | None:
-    """Return a bid in micro-units, or None for no bid. Raises ValueError for an invalid bid."""
-    most = MAX_PERFORMANCE // MICRO
-    if value is None:
-        return None
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not -most <= float(value) <= most:
-        raise ValueError(f"a bid is a number from {-most} to {most}, or None, not {shown(value)}")
-    return round(float(value) * MICRO)
 
 
 def travel_ms(value: Any, function: Callable[..., Any]) -> int | None:
@@ -111,12 +95,11 @@ async def drives_itself(task: TaskContext, place: str) -> None:
 
 
 class ActionRunner:
-    """Runs actions and bids as tasks of `group`.
+    """Runs actions, and what features ask of the program, as tasks of `group`.
 
-    Each action ends in exactly one input to the host; bids that end at the same time share one.
-    `gate` must be told when the agent has heard something. `drive` travels to places if the program
-    has no travel function. `stretch` returns the factor by which a local task takes longer than the
-    mission says.
+    Each action ends in exactly one input to the host. `gate` must be told when the agent has heard
+    something. `drive` travels to places if the program has no travel function. `stretch` returns
+    the factor by which a local task takes longer than the mission says.
     """
 
     def __init__(
@@ -146,7 +129,7 @@ class ActionRunner:
         self._calls: dict[UserCall, int | None] = {}
         # Calls still running long after their cancellation, as reported to the team.
         self._lingering: set[UserCall] = set()
-        self._bids: list[BidMade] = []
+        self._bid_calls: BidCalls | None = None
         # How many of the program's background functions run.
         self.backgrounds = 0
         self._are_times_old = asyncio.Event()
@@ -162,8 +145,8 @@ class ActionRunner:
                     self._scopes[ticket].cancel()
                     loop = asyncio.get_running_loop()
                     loop.call_later(CANCEL_LIMIT_S, self._look_whether_stopped, ticket)
-            case RequestBid():
-                self._group.start_soon(self._bid, effect)
+            case FeatureEffect():
+                self._for_feature(effect)
             case CheckMission(mission):
                 self._group.start_soon(self._check, mission)
             case UseMission(mission):
@@ -287,46 +270,24 @@ class ActionRunner:
 
         return run
 
-    async def _bid(self, effect: RequestBid) -> None:
-        value, error, reason = None, "", ""
-        try:
-            with anyio.move_on_after(BID_LIMIT_S) as scope:
-                value = micro_bid(await self._call_bid(effect))
-            if scope.cancelled_caught:
-                error = f"no answer within {BID_LIMIT_S:g} s"
-        except UserCodeError as failure:
-            error, reason = failure.details, failure.reason
-        except ValueError as problem:
-            error = str(problem)
-        self._bids.append(
-            BidMade(effect.activation, effect.local_task, value, error, reason or error)
-        )
-        if len(self._bids) == 1:
-            self._group.start_soon(self._tell_bids)
+    def _for_feature(self, effect: FeatureEffect) -> None:
+        """Carry out what a feature asks of the program."""
+        # Loaded only for missions with bids.
+        from mrbt_mesh.features.bids.messages import RequestBid
+        from mrbt_mesh.runtime.bid_calls import BidCalls
 
-    async def _tell_bids(self) -> None:
-        # One message carries all bids that end at this moment.
-        await anyio.lowlevel.checkpoint()
-        bids, self._bids = tuple(self._bids), []
-        self._host.submit(BidsMade(bids))
+        assert isinstance(effect, RequestBid)
+        if self._bid_calls is None:
+            self._bid_calls = BidCalls(
+                self._group, self._host, self._functions.bid, self._call_about
+            )
+        self._bid_calls.answer(effect)
 
-    async def _call_bid(self, effect: RequestBid) -> Any:
-        name, arguments = split_call(effect.local_task)
-        function = self._functions.bid(name)
-        if function is None:
-            raise ValueError(f"the robot's program has no bid for {name!r}")
-        port = self._port(None)
-        start = StartAction(
-            0,
-            effect.activation,
-            effect.global_task,
-            effect.local_task,
-            (),
-            effect.performance,
-            effect.incarnation,
-        )
-        context = self._context(start, name, arguments, port)
-        call = self._user_call(f"bid for {effect.local_task}", function, context, *arguments)
+    async def _call_about(self, what: str, function: ProgramFunction, start: StartAction) -> Any:
+        """Call a function of the program about a local task that the robot does not perform now."""
+        name, arguments = split_call(start.local_task)
+        context = self._context(start, name, arguments, self._port(None))
+        call = self._user_call(what, function, context, *arguments)
         return await self._watched(call, call.run())
 
     # -- travel times -------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from mrbt_mesh.core.mission.mission import (
     mission_from_json,
     performance,
 )
+from mrbt_mesh.features.bids.needs import bid_rule, has_bids
 from mrbt_mesh.formats.build import mission_from_yaml, resolve_program
 from mrbt_mesh.formats.mission_file import (
     FileError,
@@ -50,14 +51,14 @@ def load_text(text: str) -> Mission:
 
 def test_bids_are_read() -> None:
     declared = load_text(SMALL)
-    assert not declared.has_bids
+    assert not has_bids(declared)
     assert load_text(
         SMALL.replace("{weld($part): {}}", "{weld($part): {performance: declared}}")
     ) == (declared)
     for text, within_us in (("bid", None), ("{bid_within_s: 1.5}", 1_500_000)):
         mission = load_text(SMALL.replace("{}}}\ntree", f"{{performance: {text}}}}}}}\ntree"))
         (need,) = mission.global_tasks["fix(3)"].needs
-        assert need == Need("weld(3)", 1, 1, by_bid=True, bid_within_us=within_us)
+        assert need == Need("weld(3)", 1, 1, performance_rule=bid_rule(within_us))
         assert mission_from_compiled(compile_mission(mission), "m.json") == mission
         assert mission.digest != declared.digest
 

@@ -24,7 +24,7 @@ from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.travel import Travel
-from mrbt_mesh.runtime import actions
+from mrbt_mesh.runtime import bid_calls
 from mrbt_mesh.runtime.program import functions_of
 from mrbt_mesh.runtime.user_code import UserCall
 from mrbt_mesh.sim import Lose, SimulationResult, run, simulate
@@ -276,7 +276,7 @@ def own_garbage() -> None:
 @pytest.fixture(autouse=True)
 def short_limit(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(run, "BLOCK_LIMIT_S", 0.1)
-    monkeypatch.setattr(actions, "BID_LIMIT_S", 5.0)
+    monkeypatch.setattr(bid_calls, "BID_LIMIT_S", 5.0)
     yield
     STARTED.clear()
     gc.collect()

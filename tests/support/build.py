@@ -40,7 +40,7 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.features.bids.needs import BID, CLOSED
+from mrbt_mesh.features.bids.needs import BID, CLOSED, bid_rule
 
 RUN = "r1"
 SECOND_US = 1_000_000
@@ -114,7 +114,8 @@ def task(name: str, *needs: tuple[Any, ...], **policies: Any) -> GlobalTask:
 
 
 def _need(local_task: str, least: int, most: int, *bid: Any) -> Need:
-    return Need(local_task, least, most, None, *bid)
+    rule = bid_rule(*bid[1:]) if bid else ()
+    return Need(local_task, least, most, None, rule)
 
 
 def make_mission(

@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
-from mrbt_mesh.core.feature import used
+from mrbt_mesh.core.feature import features, used
 from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT, MAX_UNITS, is_argument
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.jobs import may_be_above_jobs, most_nodes, with_one_of_each
 from mrbt_mesh.core.mission.mission import (
     MAX_AT_MOST,
-    MAX_BID_WITHIN_US,
     MAX_CHOICES,
     MAX_COST,
     MAX_GLOBAL_TASKS,
@@ -229,9 +228,9 @@ def _check_global_tasks(mission: Mission) -> None:
                 earlier = mission.global_tasks.get(before.global_task)
                 known = {each.local_task for each in earlier.needs} if earlier else set()
                 _expect(before.local_task in known, f"{here}: same_robot_as")
-            within = need.bid_within_us
-            in_time = within is None or _is_integer(within, 1, MAX_BID_WITHIN_US)
-            _expect(isinstance(need.by_bid, bool) and in_time, f"{here}: bids")
+            rule = need.performance_rule
+            is_known = not rule or any(each.is_performance_rule(rule) for each in features())
+            _expect(is_known, f"{here}: performance of {need.local_task}")
 
 
 def _check_program_trees(mission: Mission) -> None:

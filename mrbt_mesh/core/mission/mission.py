@@ -54,7 +54,6 @@ MAX_CHOICES = 10_000
 MAX_PRIORITY = 1_000
 MAX_AT_MOST = 1_000
 MAX_NUMBER = 1_000_000_000
-MAX_BID_WITHIN_US = 10 * MICRO
 COMPILED_VERSION = 3
 
 _NUMBER = re.compile(r"0|-?[1-9][0-9]{0,9}")
@@ -152,17 +151,15 @@ class Need:
 
     With nu = 0 helpers are optional; a task has another need with nu > 0.
     `same_robot_as`: only robots that have succeeded with that before are assigned.
-    `by_bid`: a robot's performance is what it bids for the activation, and the plan waits
-    `bid_within_us` for it (None: `Timing.bid_us`). `after`: ` that did pick(1) of fetch(1)`, empty
-    if any robot will do.
+    `performance_rule`: empty if performances are as declared, else the plain data of a feature from
+    which they follow. `after`: ` that did pick(1) of fetch(1)`, empty if any robot will do.
     """
 
     local_task: LocalTaskId
     min_robots: int
     max_robots: int
     same_robot_as: SameRobotAs | None = None
-    by_bid: bool = False
-    bid_within_us: int | None = None
+    performance_rule: tuple[Any, ...] = ()
     after: str = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -175,18 +172,16 @@ class Need:
         before = self.same_robot_as
         named = [before.global_task, before.local_task] if before else None
         row = [self.local_task, self.min_robots, self.max_robots]
-        if self.by_bid:
-            return [*row, named, True, self.bid_within_us]
-        return [*row, named] if named else row
+        more = [named, *self.performance_rule]
+        return [*row, *more] if any(more) else row
 
     @classmethod
     def from_json(cls, data: list[Any]) -> Need:
         """The inverse; raises TypeError or ValueError for anything else."""
         local_task, least, most, *more = data
-        usual: list[Any] = [None, False, None]
-        named, by_bid, within_us = more + usual[len(more) :]
+        named, *rule = more or [None]
         same = None if named is None else SameRobotAs(*named)
-        return cls(local_task, least, most, same, by_bid, within_us)
+        return cls(local_task, least, most, same, tuple(rule))
 
 
 @dataclass(frozen=True, slots=True)

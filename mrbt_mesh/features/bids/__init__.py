@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.feature import Feature, Kit, Part
-from mrbt_mesh.features.bids.needs import BID, CLOSED, IN_PLAN, by_bid, has_bids
+from mrbt_mesh.features.bids.needs import (
+    BID,
+    CLOSED,
+    IN_PLAN,
+    by_bid,
+    has_bids,
+    is_bid_rule,
+)
 
 if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
     from mrbt_mesh.core.facts.records import Record
     from mrbt_mesh.core.facts.store import Entry
     from mrbt_mesh.core.mission.mission import GlobalTask, Mission
+    from mrbt_mesh.features.bids.chaos import BidsChaos
     from mrbt_mesh.features.bids.checker import BidsFirst
     from mrbt_mesh.features.bids.facts import BidIndex
     from mrbt_mesh.features.bids.history import BidHistory
     from mrbt_mesh.features.bids.plan import BidStep
+    from mrbt_mesh.formats.mission_model import NeedModel
+    from mrbt_mesh.formats.problems import Report, SourcePath
     from mrbt_mesh.sim.checkers.findings import RunFindings
 
 
@@ -24,6 +36,21 @@ class Bids(Feature):
 
     kinds = {BID: 3, CLOSED: 3}  # noqa: RUF012
     in_plan = IN_PLAN
+
+    def is_performance_rule(self, rule: Sequence[Any]) -> bool:
+        return is_bid_rule(rule)
+
+    def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
+        from mrbt_mesh.features.bids.file_fields import FIELDS
+
+        return FIELDS
+
+    def performance_rule(
+        self, need: NeedModel, local_task: str, path: SourcePath, report: Report
+    ) -> tuple[Any, ...]:
+        from mrbt_mesh.features.bids.file import performance_rule
+
+        return performance_rule(need, local_task, path, report)
 
     def parse(self, kind: str, value: Any) -> Record:
         from mrbt_mesh.core.facts.records import Latch
@@ -64,6 +91,11 @@ class Bids(Feature):
         from mrbt_mesh.features.bids.history import BidHistory
 
         return BidHistory(limit)
+
+    def chaos(self, seed: int) -> BidsChaos:
+        from mrbt_mesh.features.bids.chaos import BidsChaos
+
+        return BidsChaos(seed)
 
     def checkers(self, run: RunFindings) -> Sequence[BidsFirst]:
         from mrbt_mesh.features.bids.checker import BidsFirst

@@ -18,6 +18,12 @@ class FeatureChaos:
 
     likes_places = False
 
+    def add_to_need(self, need: dict[str, Any]) -> None:
+        """Add the feature to a need of a global task, as plain data."""
+
+    def add_to_behaviour(self, behaviour: dict[str, Any]) -> None:
+        """Add to how robots behave at a local task (`random_robot`)."""
+
     def add(
         self, mission: dict[str, Any], robots: Sequence[str], types: Mapping[str, Mapping[str, Any]]
     ) -> None:

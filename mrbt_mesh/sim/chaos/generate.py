@@ -93,9 +93,6 @@ class _Generator:
         # Drawn apart: which nodes remember changes nothing else of a mission.
         self.memory = random.Random(f"{seed}/memory")
         self.remembers = self.memory.random() < 0.35
-        # Likewise what robots bid for, in one mission of four.
-        self.bids = random.Random(f"{seed}/bids")
-        self.bidding = self.bids.random() < 0.25
         # Likewise guards of several conditions, and a task with an alternative that some robots
         # fail at and others are lost for.
         self.guards = random.Random(f"{seed}/guards")
@@ -209,9 +206,8 @@ class _Generator:
             behaviour["loses_permille"] = 100
         if self.chance(0.3):
             behaviour["sets"] = {self.pick.choice(self.conditions): self.chance(0.7)}
-        if self.bidding and self.bids.random() < 0.5:
-            kinds = ("no_permille", "fails_permille", "late_permille")
-            behaviour["bid"] = {kind: self.bids.choice([0, 100, 300]) for kind in kinds}
+        for each in self.of_features:
+            each.add_to_behaviour(behaviour)
         return behaviour
 
     def sensors(self) -> dict[str, list[list[Any]]]:
@@ -476,6 +472,6 @@ class _Generator:
         able = sum(local_task in self.types[kind] for kind in self.type_of.values())
         least = min(self.pick.choice([1, 1, 1, 2, 2, 3]), able + self.chance(0.03))
         need: dict[str, Any] = {"min": least, "max": least + self.pick.choice([0, 0, 0, 1, 2])}
-        if self.bidding and self.bids.random() < 0.6:
-            need["performance"] = self.bids.choice(["bid", "bid", {"bid_within_s": 1.5}])
+        for each in self.of_features:
+            each.add_to_need(need)
         return need

@@ -12,6 +12,7 @@ from mrbt_mesh.analysis.tolerance.readings import parallel_width, serial
 from mrbt_mesh.analysis.tolerance.service import FaultyTeam
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.mission import MICRO, Costs, Mission, Need, SameRobotAs
+from mrbt_mesh.features.bids.needs import has_bids
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.build import (
     action,
@@ -92,10 +93,10 @@ def test_bids_change_nothing_of_what_a_team_can_do() -> None:
     """Who has no bid serves all the same, so a need by bid is a need."""
     mission = load_mission(EXAMPLES / "couriers" / "mission.yaml")
     declared = {
-        name: replace(each, needs=tuple(replace(need, by_bid=False) for need in each.needs))
+        name: replace(each, needs=tuple(replace(need, performance_rule=()) for need in each.needs))
         for name, each in mission.global_tasks.items()
     }
-    assert mission.has_bids
+    assert has_bids(mission)
     found = analyse(mission, mission.costs, limit_s=60).to_json()
     other = analyse(replace(mission, global_tasks=declared), mission.costs, limit_s=60).to_json()
     assert key_figures(found) == key_figures(other)
