@@ -24,6 +24,7 @@ from typing import BinaryIO
 BUFFER_BYTES = 1 << 20
 READ_BYTES = 1 << 16
 FOLDER, OBSERVERS, SUFFIX = "recordings", "run", ".mcap"
+_PROCESS = re.compile(r"\.[0-9]+$")
 _PART = re.compile(r"\.part([1-9][0-9]{0,8})$")
 
 
@@ -112,6 +113,11 @@ def number_of_part(path: Path) -> int:
 def first_part(path: Path) -> Path:
     """Return the file of the first part, which may be gone, of this part's recording."""
     return path.with_name(_PART.sub("", path.stem) + path.suffix)
+
+
+def name_of_owner(path: Path) -> str:
+    """Return the robot after which a file is named; for an observer's, the name of its files."""
+    return _PROCESS.sub("", first_part(path).stem)
 
 
 def parts_of(path: Path) -> list[Path]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.folder import first_part
+from mrbt_mesh.recording.folder import FOLDER, first_part
 from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.runtime.summary_signature import Covered
@@ -25,6 +25,7 @@ def check_named(
     for each in named:
         here = [r for r in recordings if first_part(r.path).name == each.name]
         if has_it := [recording for recording in recordings if _has(recording, each)]:
+            yield from _renamed(by, each, has_it)
             yield from _added(by, each, [*has_it, *here])
         elif not here:
             yield Gap(GapKind.NAMED, each.name, f"it is missing, and {by} names it", _REMEDY)
@@ -34,6 +35,18 @@ def check_named(
         else:
             text = "what was recorded until here is not what was there before"
             yield RecordingFinding(each.name, each.number, 0, text, (by,))
+
+
+def _renamed(
+    by: str, named: NamedRecording, recordings: Sequence[Recording]
+) -> Iterator[RecordingFinding]:
+    """Yield a recording of a run directory that has another name than when it was written."""
+    if all(first_part(each.path).name != named.name for each in recordings):
+        for each in recordings:
+            # A robot that was not launched by `mrbt up` records where it was told.
+            if each.metadata.is_observed and each.path.parent.name == FOLDER:
+                text = f"it is the recording that {by} calls {named.name}"
+                yield RecordingFinding(each.name, 0, 0, text, (by,))
 
 
 def _added(

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.folder import FOLDER, first_part, number_of_part
+from mrbt_mesh.recording.folder import (
+    FOLDER,
+    OBSERVERS,
+    first_part,
+    name_of_owner,
+    number_of_part,
+)
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, Signature
@@ -43,6 +48,7 @@ class TeamCheck:
     proved: list[ProvedRecording] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     findings: list[RecordingFinding] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     def run(self) -> None:
         """Find what is proved, and what is not."""
@@ -69,11 +75,19 @@ class TeamCheck:
         self.gaps.append(Gap(kind, of, text, remedy))
 
     def _name(self, check: RecordingCheck) -> None:
-        """Check that a file in a run directory is named after the robot that recorded it."""
-        robot, path = check.robot, first_part(check.recording.path)
-        called = re.sub(r"\.[0-9]+$", "", path.stem)
-        if robot and path.parent.name == FOLDER and called != robot:
-            check.add_to(0, f"it is a recording of {robot}")
+        """Check that a file in a run directory is named after the robot that recorded it.
+
+        Elsewhere a file may have any name, and a note says whose it is.
+        """
+        robot, path = check.recording.metadata.robot, check.recording.path
+        text = f"it is a recording of {robot or 'an observer'}"
+        called = name_of_owner(path)
+        is_robots_folder = path.parent.name == FOLDER
+        is_observers = called == OBSERVERS and (path.parent / FOLDER).is_dir()
+        if called != robot if is_robots_folder else robot and is_observers:
+            check.add_to(0, text)
+        elif called != (robot or OBSERVERS):
+            self.notes.append(f"{check.recording.name}: {text}")
         for each in check.recording.parts or (check.recording,):
             if number_of_part(each.path) != each.metadata.part:
                 check.add_to(0, f"{each.name} is part {each.metadata.part}")

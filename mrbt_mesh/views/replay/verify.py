@@ -69,6 +69,7 @@ def verify(
         check.add(fact, f"{fact.author}'s {fact.name} is written before the time for it")
     team = TeamCheck(checks, manifest, _finished(files, recordings, manifest), _unfinished(files))
     team.run()
+    notes = [*notes, *team.notes]
     findings = [*team.findings, *(each for check in checks for each in check.findings)]
     commands: Sequence[NotedCommand] = ()
     if files is not None:
