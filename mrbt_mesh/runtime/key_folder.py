@@ -37,12 +37,14 @@ from mrbt_mesh.runtime.member_keys import (
     public_member,
     signing_key,
 )
-from mrbt_mesh.runtime.private_files import check_folder
+from mrbt_mesh.runtime.private_files import check_folder, open_to_others
 from mrbt_mesh.runtime.run_dir import write_atomically
 from mrbt_mesh.runtime.session_config import Certificates
 
 MANIFEST_FILE, TEAM_FILE, KEY_SUFFIX = "manifest.json", "team.secret", ".key"
 OPERATOR = "operator"
+# A private key has some thousand bytes.
+MOST_BYTES = 1 << 20
 
 
 class KeysError(InputError):
@@ -218,11 +220,15 @@ def _write_secret(path: Path, data: Mapping[str, str]) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        with open_regular(path) as file:
+            how, content = open_to_others(file), file.read(MOST_BYTES)
+        found = json.loads(content)
     except OSError as error:
         raise KeysError(f"the key {path} cannot be read: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         found = None
+    if how:
+        raise KeysError(f"the private key {path} {how}: `chmod 600 {quote(str(path))}`")
     if not isinstance(found, dict):
         raise KeysError(f"{path} is not a private key of `mrbt keys`")
     return found

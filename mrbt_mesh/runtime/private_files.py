@@ -9,10 +9,12 @@ from __future__ import annotations
 import os
 import stat
 from pathlib import Path
+from typing import IO, Any
 
 from mrbt_mesh.errors import InputError
 
 WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+READABLE_BY_OTHERS = stat.S_IRGRP | stat.S_IROTH
 
 
 def check_folder(path: Path, what: str) -> None:
@@ -34,6 +36,18 @@ def check_folder(path: Path, what: str) -> None:
         raise InputError(
             f"{what} {path} can be written by other users: `chmod go-w {path}`, or use another one"
         )
+
+
+def open_to_others(file: IO[Any]) -> str:
+    """Return what other users can do with an open file, in words; empty if it is private.
+
+    The owner of another user's file, such as a mounted secret, decides who may read it.
+    """
+    found = os.fstat(file.fileno())
+    if found.st_mode & WRITABLE_BY_OTHERS:
+        return "can be written by other users"
+    is_own = found.st_uid == os.geteuid()
+    return "can be read by other users" if is_own and found.st_mode & READABLE_BY_OTHERS else ""
 
 
 def private_opener(path: str, flags: int) -> int:

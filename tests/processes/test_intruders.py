@@ -118,15 +118,14 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     assert done.returncode == 1
     assert "signed: this team has keys" in done.stderr
     operator = team.run_dir / "keys" / "operator.key"
-    key = operator.read_text()
-    operator.unlink()
+    operator.rename(team.folder / "operator.key")
     team.mrbt("keys", "add", "screen", "--role", "observer", "--keys", str(team.run_dir / "keys"))
     seen = team.status()
     assert seen["secure"] is True
     refused = team.command("abort")
     assert refused.returncode == 1
     assert "screen is known as observer and may not say this" in refused.stderr
-    operator.write_text(key)
+    (team.folder / "operator.key").rename(operator)
     assert "abort is the team's command" in team.mrbt("abort")
     code, _ = team.end()
     assert code == 1, team.logs()

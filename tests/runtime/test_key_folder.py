@@ -135,3 +135,31 @@ def test_a_manifest_that_is_a_pipe_is_refused_and_nobody_is_waited_for(tmp_path:
     os.mkfifo(tmp_path / "manifest.json")
     with pytest.raises(KeysError, match=r"holds no manifest\.json"):
         KeyFolder(tmp_path).manifest()
+
+
+@pytest.mark.parametrize("mode", [0o666, 0o644, 0o640, 0o620, 0o602])
+def test_a_private_key_that_others_can_use_is_refused(folder: KeyFolder, mode: int) -> None:
+    path = folder.path / "A.key"
+    path.chmod(mode)
+    for read in (folder.keys_of, folder.certificates_of):
+        with pytest.raises(KeysError, match=rf"by other users: `chmod 600 {path}`"):
+            read("A")
+    (folder.path / TEAM_FILE).chmod(mode)
+    with pytest.raises(KeysError, match=rf"`chmod 600 {folder.path / TEAM_FILE}`"):
+        folder.add({"Z": Role.ROBOT})
+    path.chmod(0o400)
+    assert folder.keys_of("A").name == "A"
+    path.chmod(mode)
+    assert folder.manifest().version == 1, "it is no secret"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to others")
+def test_a_key_of_a_mounted_secret_may_be_readable_but_not_writable(folder: KeyFolder) -> None:
+    """Its owner then decides who reads it, as for ssh."""
+    path = folder.path / "A.key"
+    os.chown(path, 1, -1)
+    path.chmod(0o640)
+    assert folder.keys_of("A").name == "A"
+    path.chmod(0o660)
+    with pytest.raises(KeysError, match="can be written by other users"):
+        folder.keys_of("A")
