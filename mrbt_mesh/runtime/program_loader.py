@@ -19,7 +19,6 @@ from mrbt_mesh.core.mission.jobs import with_one_of_each
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, entries_in, split_call, type_name, with_entries
 from mrbt_mesh.errors import FileError, InputError, nearest
-from mrbt_mesh.features.bids.needs import by_bid
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.program import RobotProgram, functions_of
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramError, ProgramFunction
@@ -100,7 +99,8 @@ def check_program(
     grounds = {need.local_task for need in needs if type_name(need.local_task) in declared}
     calls = {name for name in declared | grounds if type_name(name) not in programs}
     found = [_task_problem(program, mission, ground) for ground in sorted(calls)]
-    bid_for = {need.local_task for need in needs if by_bid(need)}
+    # Bids are the only rule.
+    bid_for = {need.local_task for need in needs if need.performance_rule}
     found += [_bid_problem(program, mission, each, each in bid_for) for each in sorted(grounds)]
     known = claimed | mission.local_tasks.keys()
     found += [_costs_problem(each, known) for each in functions_of(program).backgrounds]

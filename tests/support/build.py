@@ -40,7 +40,6 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.features.bids.needs import BID, CLOSED, bid_rule
 
 RUN = "r1"
 SECOND_US = 1_000_000
@@ -114,8 +113,12 @@ def task(name: str, *needs: tuple[Any, ...], **policies: Any) -> GlobalTask:
 
 
 def _need(local_task: str, least: int, most: int, *bid: Any) -> Need:
-    rule = bid_rule(*bid[1:]) if bid else ()
-    return Need(local_task, least, most, None, rule)
+    if not bid:
+        return Need(local_task, least, most)
+    # Loaded here, as by all below: the kernel's own tests run without features.
+    from mrbt_mesh.features.bids.needs import bid_rule
+
+    return Need(local_task, least, most, None, bid_rule(*bid[1:]))
 
 
 def make_mission(
@@ -225,11 +228,15 @@ class World:
 
     def bid(self, robot: str, activation: str, local: str, performance: float | None) -> None:
         """A robot bids for a local task of an activation."""
+        from mrbt_mesh.features.bids.needs import BID
+
         value = None if performance is None else round(performance * MICRO)
         self.write(robot, (f"{BID}/{activation}/{local}", value))
 
     def close(self, activation: str, local: str, robot: str = "R1") -> None:
         """A robot has seen the time for bids pass."""
+        from mrbt_mesh.features.bids.needs import CLOSED
+
         self.write(robot, (f"{CLOSED}/{activation}/{local}", True))
 
     def claim(

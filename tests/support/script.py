@@ -25,7 +25,6 @@ from mrbt_mesh.core.mission.mission import (
     Recorded,
 )
 from mrbt_mesh.core.mission.travel import Travel
-from mrbt_mesh.features.bids.messages import BidMade, BidsMade
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from tests.support import build
@@ -236,6 +235,8 @@ class Script:
 
     def do_bid(self, name: str, *words: str) -> None:
         """bid A fetch=-3 carry=none: what its program says to what it was asked, all at once."""
+        from mrbt_mesh.features.bids.messages import BidMade, BidsMade
+
         process = self.team.processes[name]
         values = dict(word.split("=") for word in words)
         bids = []

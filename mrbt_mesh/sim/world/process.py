@@ -35,6 +35,7 @@ from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
     ConditionSet,
+    FeatureInput,
     Input,
     PlanMade,
     RecordingSigned,
@@ -45,7 +46,6 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity
 from mrbt_mesh.runtime.context import TaskContext
@@ -85,7 +85,9 @@ class Surroundings(Protocol):
     def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
     def recorded_work(self, process: SimProcess, effect: StartAction) -> RecordedWork | None: ...
     def recorded_way_us(self, process: SimProcess) -> int: ...
-    def recorded_bid(self, process: SimProcess, effect: RequestBid) -> BidMade | None: ...
+    def recorded_answer(
+        self, process: SimProcess, effect: FeatureEffect
+    ) -> FeatureInput | None: ...
 
 
 class Inspection:
@@ -379,10 +381,10 @@ class SimProcess:
                 self._repeated = None
                 self.submit(ActionStopped(ticket))
                 return
-            case RequestBid():
-                bid = self._world.recorded_bid(self, effect)
-                if bid is not None:
-                    self.submit(BidsMade((bid,)))
+            case FeatureEffect():
+                answer = self._world.recorded_answer(self, effect)
+                if answer is not None:
+                    self.submit(answer)
                     return
         self._context.run(self._runner.carry_out, effect)
 

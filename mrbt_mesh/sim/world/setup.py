@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
 from mrbt_mesh.core.agent.config import ResumedLife
-from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet
+from mrbt_mesh.core.agent.effects import FeatureEffect
+from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet, FeatureInput
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.engine import Engine
@@ -109,16 +110,17 @@ class RecordedWork:
 class Beginning:
     """Where a recorded run goes on: its id, what its robots know, and the lives that go on.
 
-    `works`: how a robot's runs of a local task of an activation went, in order, and `bids` what it
-    bid; where it is given the same again, it goes the same way. Else the program decides.
-    `ways_us`: for how long robots have been on their way. `unix_us`: the Unix time.
+    `works`: how a robot's runs of a local task of an activation went, in order; where it is given
+    the same again, it goes the same way. `answer`: what a robot's program answered to what a
+    feature asked it, None if it is not known. Else the program decides. `ways_us`: for how long
+    robots have been on their way. `unix_us`: the Unix time.
     """
 
     run: str
     facts: tuple[Entry, ...]
     lives: Mapping[str, ResumedLife]
     works: Mapping[Place, Sequence[RecordedWork]]
-    bids: Mapping[Place, int | None]
+    answer: Callable[[str, FeatureEffect], FeatureInput | None]
     ways_us: Mapping[str, int] = field(default_factory=dict)
     unix_us: int = LAUNCH_UNIX_US
 

@@ -7,15 +7,14 @@ from typing import Any, TypeAlias
 
 import anyio
 
-from mrbt_mesh.core.agent.effects import Publish, StartAction
-from mrbt_mesh.core.agent.inputs import ActionFinished
+from mrbt_mesh.core.agent.effects import FeatureEffect, Publish, StartAction
+from mrbt_mesh.core.agent.inputs import ActionFinished, FeatureInput
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
-from mrbt_mesh.features.bids.messages import BidMade, RequestBid
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.sim.world.client import Client
@@ -176,10 +175,9 @@ class World:
         is_on = any(isinstance(r, Claim) and r.phase is Phase.TRAVELLING for r in known)
         return begin.ways_us.get(view.robot, 0) if is_on else 0
 
-    def recorded_bid(self, process: SimProcess, effect: RequestBid) -> BidMade | None:
-        bids = self.setup.begin.bids if self.setup.begin is not None else {}
-        place = (process.robot, effect.activation, effect.local_task)
-        return BidMade(*place[1:], bids[place]) if place in bids else None
+    def recorded_answer(self, process: SimProcess, effect: FeatureEffect) -> FeatureInput | None:
+        begin = self.setup.begin
+        return begin.answer(process.robot, effect) if begin is not None else None
 
     # -- the observer -------------------------------------------------------------------------
 

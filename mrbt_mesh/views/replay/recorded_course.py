@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from mrbt_mesh.core.agent.effects import FeatureEffect
 from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet
 from mrbt_mesh.core.facts.records import (
     ABORTED,
@@ -23,6 +24,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.features.bids.facts import Bid
+from mrbt_mesh.features.bids.messages import BidMade, BidsMade, RequestBid
 from mrbt_mesh.observer.episodes import MajorFault
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
@@ -92,13 +94,11 @@ class _Death:
 
 
 class RecordedCourse:
-    """The course of a player's recording; the player is at its end afterwards.
-
-    `bids`: by robot, activation and local task, since the first ones count.
-    """
+    """The course of a player's recording; the player is at its end afterwards."""
 
     def __init__(self, player: Player) -> None:
-        self.bids: dict[Place, int | None] = {}
+        # By robot, activation and local task: the first ones count.
+        self._bids: dict[Place, int | None] = {}
         self._mission = player.mission
         self._works: dict[Place, list[_Work]] = {}
         self._running: dict[str, _Work] = {}
@@ -126,6 +126,14 @@ class RecordedCourse:
                 deaths_us = (d.noticed_us for d in self._deaths if d.robot == robot)
                 later_us = [at_us for at_us in deaths_us if at_us > work.begun_us]
                 work.until_us = min(work.until_us, player.end_us, *later_us)
+
+    def answer(self, robot: str, asked: FeatureEffect) -> BidsMade | None:
+        """Return the robot's recorded bid, if it is asked for one that it made."""
+        assert isinstance(asked, RequestBid)
+        names = asked.activation, asked.local_task
+        if (robot, *names) not in self._bids:
+            return None
+        return BidsMade((BidMade(*names, self._bids[robot, *names]),))
 
     def works_from(self, at_us: int) -> dict[Place, list[RecordedWork]]:
         """Return how all work went that had not ended by then."""
@@ -184,7 +192,7 @@ class RecordedCourse:
                 running.said.append((at_us, entry.version, said))
             case Bid(performance):
                 _, activation, local_task = entry.parts
-                self.bids.setdefault((robot, activation, local_task), performance)
+                self._bids.setdefault((robot, activation, local_task), performance)
             case OperatorCommand(value, operator) if entry.parts[0] in (PAUSED, ABORTED):
                 robot, *also = sorted(self._mission.robots)
                 given = str(value) if entry.parts[0] == PAUSED else True

@@ -97,7 +97,7 @@ def what_if(
             tuple(state.facts.map),
             lives,
             course.works_from(at_us),
-            course.bids,
+            course.answer,
             course.ways_at(at_us),
             (recording.metadata.epoch_ns // 1_000 or LAUNCH_UNIX_US) + at_us,
         ),

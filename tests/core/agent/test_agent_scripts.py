@@ -1,4 +1,4 @@
-"""Conversations of agents: golden files in `scripts/`, to be read like a story.
+"""Conversations of agents: golden files in `scripts/`, of features too, to be read like a story.
 
 With MRBT_REWRITE=1 the files are written anew. Commit a changed golden only when you can say
 why it changed.
@@ -12,10 +12,14 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.engine import DEFINITIONS, Engine
+from mrbt_mesh.core.feature import NAMES
 from tests.support.mutations import MUTATIONS
+from tests.support.paths import ROOT
 from tests.support.script import Script
 
-SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.txt"))
+FOLDER = Path(__file__).parent / "scripts"
+FOLDERS = [FOLDER, *(ROOT / "tests" / "features" / name / "scripts" for name in NAMES)]
+SCRIPTS = sorted(path for folder in FOLDERS for path in folder.glob("*.txt"))
 
 
 def replayed(text: str, engine: Engine | None = None) -> str:
@@ -47,7 +51,7 @@ def test_the_conversation_is_the_same_by_the_definitions(path: Path) -> None:
 
 def test_a_robot_that_begins_alone_at_once_is_noticed() -> None:
     """It would do what others do that it does not hear."""
-    written = (SCRIPTS[0].parent / "alone.txt").read_text()
+    written = (FOLDER / "alone.txt").read_text()
     with MUTATIONS["alone_begins_at_once"]():
         found = replayed(written)
     assert " 1000 A starts weld" in found
