@@ -29,6 +29,12 @@ from mrbt_mesh.cli.options import (
 from mrbt_mesh.errors import require
 
 file_argument = click.argument("file", metavar="FILE.mcap", type=PATH, help="A recording.")
+keys_option = click.option(
+    "--keys",
+    type=PATH,
+    metavar="DIR",
+    help="Folder with the team's manifest. Default: that of the run directory.",
+)
 GAPS = ("unsigned", "robot", "observer", "named", "end", "summary", "commands")
 WHAT_IF = tuple(name for name in FAULTS if name != "performance")
 
@@ -113,12 +119,7 @@ def replay(
     nargs=-1,
     help="Recordings, or run directories. Default: the run of the team that runs, or the newest.",
 )
-@click.option(
-    "--keys",
-    type=PATH,
-    metavar="DIR",
-    help="Folder with the team's manifest. Default: that of the run directory.",
-)
+@keys_option
 @click.option(
     "--accept",
     type=click.Choice(GAPS),
@@ -172,15 +173,18 @@ def verify(
     metavar="FILE.html",
     help="Write the page to this file.",
 )
+@keys_option
 @json_option
-def report(path: Path | None, output: Path, as_json: bool) -> None:
+def report(path: Path | None, output: Path, keys: Path | None, as_json: bool) -> None:
     """Report on a run: its result, who worked and waited when, faults and takeovers, what operators
     commanded, and what `mrbt recording verify` finds.
 
     It writes one HTML page that needs nothing else, and that any browser prints. With --json it
     prints the figures instead.
 
+    \b
     Example: mrbt recording report RUN_DIR -o report.html
+             mrbt recording report run.mcap --keys RUN_DIR/keys
     """
     from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
     from mrbt_mesh.runtime.known_runs import look_up_run
@@ -192,7 +196,8 @@ def report(path: Path | None, output: Path, as_json: bool) -> None:
         check_outputs(None, {"-o": output})
         check_page(output)
 
-    found = read_report(path or look_up_run(None, "RUN_DIR").path, lambda path: verified((path,)))
+    chosen = path or look_up_run(None, "RUN_DIR").path
+    found = read_report(chosen, lambda path: verified((path,), keys))
     if as_json:
         print_json(found.to_json())
     else:

@@ -10,7 +10,12 @@ from xml.etree import ElementTree
 
 import pytest
 
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.recording.metadata import OBSERVER
+from mrbt_mesh.runtime.key_folder import KeyFolder
+from mrbt_mesh.sim import AgentOptions
 from tests.support.command import EXPLORE, done, mrbt, refused
+from tests.support.recorded import record_example
 
 
 def recording(*arguments: str) -> tuple[int, str, str]:
@@ -136,3 +141,20 @@ def test_what_cannot_be_read_or_written_ends_with_status_2(folder: Path, tmp_pat
         ([str(folder / "run"), "-o", str(tmp_path / "no" / "report.html")], "there is no folder"),
     ):
         assert problem in " ".join(refused(recording("report", *given)).split())
+
+
+def test_a_file_of_a_team_with_keys_is_reported_with_its_keys(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    members = {"R1": Role.ROBOT, "R2": Role.ROBOT, "eye": Role.OBSERVER}
+    folder = KeyFolder.create(keys, members)
+    signers = {name: folder.keys_of(name) for name in members}
+    options = AgentOptions(keys={**signers, OBSERVER: signers["eye"]})
+    record_example(tmp_path / "run", "explore", 3, options=options)
+    file = str(tmp_path / "run" / "run.mcap")
+
+    def gaps(*arguments: str) -> str:
+        told = json.loads(done(recording("report", file, "--json", *arguments)))
+        return " ".join(told["runs"][0]["proof"]["gaps"])
+
+    assert "give --keys, a folder with the team's manifest" in gaps()
+    assert "--keys" not in gaps("--keys", str(keys))
