@@ -81,8 +81,10 @@ def unpack_fact(data: Mapping[str, Any]) -> Entry:
         made = Version(incarnation, int(version["sequence"]))
         entry = parse_entry(data["author"], data["name"], made, value, proof)
         number = data["number"]
-    except (KeyError, TypeError, AttributeError, ValueError, msgpack.UnpackException) as error:
+    except ValueError as error:
         raise ValueError(f"the fact is malformed: {error}") from None
+    except (KeyError, TypeError, AttributeError, msgpack.UnpackException):
+        raise ValueError("the fact is malformed: a field is missing or of another kind") from None
     wanted = pack_fact(entry, number)
     for field, value in data.items():
         if not same(wanted.get(field), value):

@@ -140,7 +140,7 @@ class RunMetadata:
             timing: dict[str, Any] = json.loads(values["timing"])
             speed = float(values["speed"])
             if not 0 < speed < math.inf:
-                raise ValueError(f"its metadata are damaged: speed {speed}")
+                raise ValueError(f"speed {speed}")
             return RunMetadata(
                 values["robot"],
                 values["run"],
@@ -161,8 +161,9 @@ class RunMetadata:
                 parse_named(json.loads(values["earlier"])),
                 values["clock"],
             )
-        except (KeyError, TypeError, OverflowError, RecursionError) as error:
-            raise ValueError(f"its metadata are damaged: {error!r}") from None
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            text = "its metadata are damaged: a field is missing or of another kind"
+            raise ValueError(text) from None
 
     def read_mission(self, file: str) -> Mission:
         """Return the mission.

@@ -198,8 +198,9 @@ class RecordedMessages(Sequence[RecordedMessage]):
         if self._until is None:
             try:
                 self._until = self._ends()
-            except (KeyError, TypeError, RecursionError) as error:
-                raise ValueError(f"a message is malformed: {error}") from None
+            except (KeyError, TypeError, RecursionError):
+                text = "a message is malformed: a field is missing or of another kind"
+                raise ValueError(text) from None
         return [index for index in range(end) if self._until[index] >= end]
 
     def _ends(self) -> array[int]:

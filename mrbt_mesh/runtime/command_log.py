@@ -12,7 +12,7 @@ import fcntl
 import hashlib
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,9 +64,9 @@ def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = 
             # Several processes give commands.
             fcntl.flock(file, fcntl.LOCK_EX)
             file.seek(0)
-            lines = file.read().splitlines(keepends=True)
-            begin = b"\n" if lines and not lines[-1].endswith(b"\n") else b""
-            file.write(begin + _line(data, lines[-1] if lines else b"", keys, run))
+            content = file.read()
+            begin = b"\n" if content and not content.endswith(b"\n") else b""
+            file.write(begin + _line(data, _lines(content)[-1:], keys, run))
     except (OSError, InputError) as error:
         reason = getattr(error, "strerror", None) or error
         raise RunDirError(f"{path}: the command is not noted for reports: {reason}") from error
@@ -128,19 +128,19 @@ def head_of(content: bytes | None) -> str:
 
     Empty if there is none.
     """
-    lines = (content or b"").splitlines()
+    lines = _lines(content)
     return _hash(lines[-1]) if lines else ""
 
 
 def heads(content: bytes | None) -> list[str]:
     """Return all heads that the file had while it grew, starting with the empty one."""
-    return ["", *map(_hash, (content or b"").splitlines())]
+    return ["", *map(_hash, _lines(content))]
 
 
 def noted_commands(content: bytes, run: str, manifest: Manifest | None) -> Iterator[NotedCommand]:
     """Yield the lines of the file; `manifest` checks their signatures."""
     before = b""
-    for number, line in enumerate(content.splitlines(), start=1):
+    for number, line in enumerate(_lines(content), start=1):
         yield _noted(number, line, before, run, manifest)
         before = line
 
@@ -163,8 +163,17 @@ def _operator(run_dir: RunDir) -> MemberKeys | None:
     return keys if keys.role_of(keys.name) is Role.OPERATOR else None
 
 
-def _line(data: dict[str, Any], before: bytes, keys: MemberKeys | None, run: str) -> bytes:
-    data = {**data, "after": _hash(before.rstrip(b"\n")) if before else ""}
+def _lines(content: bytes | None) -> list[bytes]:
+    """Return the lines without their ends, which are newlines alone: other ends are a change."""
+    lines = (content or b"").split(b"\n")
+    return lines if lines[-1] else lines[:-1]
+
+
+def _line(
+    data: dict[str, Any], before: Sequence[bytes], keys: MemberKeys | None, run: str
+) -> bytes:
+    """Return a line after the one `before`, or the first one."""
+    data = {**data, "after": _hash(before[0]) if before else ""}
     if keys is not None:
         signature = keys.sign(_content(run, data)).hex()
         data = {**data, "signer": keys.name, "signature": signature}

@@ -106,8 +106,13 @@ def parse_manifest(text: str, authority: bytes | None = None) -> Manifest:
             members,
             _bytes(data["signature"], SIGNATURE_BYTES),
         )
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise ManifestError(f"the manifest is malformed: {error}") from error
+    except (json.JSONDecodeError, RecursionError):
+        raise ManifestError("the manifest is malformed: it is not JSON") from None
+    except ValueError as error:
+        raise ManifestError(f"the manifest is malformed: {error}") from None
+    except (TypeError, KeyError, AttributeError):
+        text = "the manifest is malformed: a field is missing or of another kind"
+        raise ManifestError(text) from None
     if type(version) is not int or version < 1 or len(members) > MAX_MEMBERS:
         raise ManifestError("the manifest is malformed: its version is a number from 1 on")
     if authority is not None and found.authority != authority:
@@ -118,6 +123,10 @@ def parse_manifest(text: str, authority: bytes | None = None) -> Manifest:
         raise ManifestError(
             "the manifest was changed after it was signed: change it with `mrbt keys`"
         ) from None
+    if found.to_text() != text:
+        raise ManifestError(
+            "its text is not as `mrbt keys` writes it: copy the file as it is, with its line ends"
+        )
     return found
 
 
@@ -126,6 +135,8 @@ def _member(name: str, row: Any) -> PublicKeys:
         raise ValueError(f"{name[:32]!r} is not a member's name")
     if type(row["revoked"]) is not bool:
         raise ValueError(f"{name}: revoked is true or false")
+    if row["role"] not in list(Role):
+        raise ValueError(f"{name}: {row['role']!r} is not a role")
     return PublicKeys(
         Role(row["role"]),
         _bytes(row["sign"], PUBLIC_BYTES),
@@ -136,7 +147,10 @@ def _member(name: str, row: Any) -> PublicKeys:
 
 
 def _bytes(text: str, size: int) -> bytes:
-    data = bytes.fromhex(text)
+    try:
+        data = bytes.fromhex(text)
+    except ValueError:
+        raise ValueError("a key or signature is not hexadecimal") from None
     if len(data) != size:
         raise ValueError(f"{len(data)} bytes where a key or signature has {size}")
     return data

@@ -25,6 +25,8 @@ from mrbt_mesh.runtime.run_dir import (
     write_atomically,
 )
 
+_OTHER_TEXT = "it is not as mrbt writes it"
+
 
 def sign_summary(run_dir: RunDir) -> None:
     """Sign the written summary, in a team with keys. Raises KeysError, RunDirError."""
@@ -69,6 +71,16 @@ class SignedSummary:
     covered: Covered
     signature: bytes
 
+    def to_text(self) -> str:
+        """Return the content of the signature's file."""
+        data = {
+            "by": self.by,
+            "commands": self.covered.commands,
+            "recordings": pack_named(self.covered.recordings),
+            "signature": self.signature.hex(),
+        }
+        return json.dumps(data) + "\n"
+
     def is_for(self, manifest: Manifest, summary: bytes) -> bool:
         """Return whether an operator or observer of the team has signed this summary."""
         content = self.covered.content(summary)
@@ -78,13 +90,7 @@ class SignedSummary:
 
 def signature_of(keys: Keys, summary: bytes, covered: Covered) -> str:
     """Return the content of the signature's file."""
-    signature = keys.sign(covered.content(summary)).hex()
-    data = {
-        "by": keys.name,
-        "commands": covered.commands,
-        "recordings": pack_named(covered.recordings),
-    }
-    return json.dumps({**data, "signature": signature}) + "\n"
+    return SignedSummary(keys.name, covered, keys.sign(covered.content(summary))).to_text()
 
 
 def parse_signature(text: str, run: str) -> SignedSummary:
@@ -94,6 +100,8 @@ def parse_signature(text: str, run: str) -> SignedSummary:
         recordings = parse_named(data["recordings"])
         covered = Covered(run, str(data["commands"]), recordings)
         found = SignedSummary(str(data["by"]), covered, bytes.fromhex(data["signature"]))
-    except (TypeError, KeyError, RecursionError) as error:
-        raise ValueError(f"it is malformed: {error!r}") from None
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise ValueError(_OTHER_TEXT) from None
+    if found.to_text() != text:
+        raise ValueError(_OTHER_TEXT)
     return found

@@ -111,3 +111,13 @@ def test_a_command_that_cannot_be_noted_is_an_error(run_dir: RunDir) -> None:
     path.mkdir()
     with pytest.raises(RunDirError, match=r"the command is not noted for reports: Is a"):
         note_command(run_dir, "mrbt kill", "A1 killed")
+
+
+def test_other_line_ends_are_a_change(run_dir: RunDir) -> None:
+    """What is signed are the bytes."""
+    content = content_of(run_dir)
+    changed = content.replace(b"\n", b"\r\n")
+    assert problems(run_dir, changed) == ["is not as mrbt writes it"] * 3
+    assert head_of(changed) not in heads(content)
+    other = content.replace(b"\n", b"\r")
+    assert problems(run_dir, other) == ["is not a command that mrbt has noted"]

@@ -67,3 +67,26 @@ def test_a_manifest_signed_by_another_team_is_refused() -> None:
     forged = replace(other, authority=MANIFEST.authority)
     with pytest.raises(ManifestError, match="changed after it was signed"):
         parse_manifest(forged.to_text(), MANIFEST.authority)
+
+
+def test_a_manifest_in_another_text_is_refused() -> None:
+    text = MANIFEST.to_text()
+    assert parse_manifest(text) == MANIFEST
+    for other in (text.replace("\n", "\r\n"), text + "\n", json.dumps(json.loads(text))):
+        with pytest.raises(ManifestError, match="its text is not as `mrbt keys` writes it"):
+            parse_manifest(other)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "it is not JSON"),
+        ("{}", "a field is missing or of another kind"),
+        (changed(("members", "A", "sign"), "x"), "a key or signature is not hexadecimal"),
+        (changed(("members", "A", "role"), "king"), "A: 'king' is not a role"),
+    ],
+)
+def test_what_is_wrong_with_a_manifest_is_said_in_our_words(text: str, said: str) -> None:
+    with pytest.raises(ManifestError) as refused:
+        parse_manifest(text)
+    assert str(refused.value) == f"the manifest is malformed: {said}"

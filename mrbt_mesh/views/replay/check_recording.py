@@ -90,8 +90,8 @@ class RecordingCheck(CheckedRecording):
             self._join(record.number)
             try:
                 self._check(record)
-            except LookupError as error:
-                self.add(record, f"it names what there is not: {error!r}")
+            except LookupError:
+                self.add(record, "it names what neither the mission nor its facts have")
             except ValueError as error:
                 self.add(record, str(error))
                 if isinstance(error, NothingNewError):

@@ -10,11 +10,13 @@ from typing import Any
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest
+from mrbt_mesh.runtime.run_dir import SIGNATURE_FILE
 from mrbt_mesh.runtime.summary_signature import Covered, parse_signature
 from mrbt_mesh.views.replay.check_named import check_named, not_covered
 from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
 
 FILE = "summary.json"
+_GIVE = "give it, with summary.signature"
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,13 @@ def check_summary(
 
     In a team with keys, the signature is checked as well.
     """
-    findings, gaps = [], []
+    findings: list[RecordingFinding] = []
+    gaps: list[Gap] = []
+    if not summary.content:
+        gaps.append(
+            Gap(GapKind.SUMMARY, FILE, f"it is missing, and {SIGNATURE_FILE} is here", _GIVE)
+        )
+        return findings, gaps
     if manifest is not None and not summary.signature:
         text = "it has no signature"
         gaps.append(Gap(GapKind.SUMMARY, FILE, text, "give summary.signature as it was written"))
@@ -63,7 +71,7 @@ def missing_summary(recordings: Sequence[Recording]) -> Iterator[Gap]:
     for each in recordings:
         if each.metadata.has_summary and any(signed.is_end for signed in each.signatures):
             text = f"it is missing, and was written at the end of {each.name}"
-            yield Gap(GapKind.SUMMARY, FILE, text, "give it, with summary.signature")
+            yield Gap(GapKind.SUMMARY, FILE, text, _GIVE)
 
 
 def _signed(
@@ -72,7 +80,13 @@ def _signed(
     """Check that it is what was signed, at the end of the newest recordings and with all named
     ones.
     """
-    covered = covered_by(summary, recordings[0].metadata.run, manifest)
+    run = recordings[0].metadata.run
+    try:
+        parse_signature(summary.signature, run)
+    except ValueError as error:
+        yield RecordingFinding(SIGNATURE_FILE, 0, 0, str(error))
+        return
+    covered = covered_by(summary, run, manifest)
     if covered is None:
         text = "it is not what was signed in summary.signature"
         yield RecordingFinding(FILE, 0, 0, text)
@@ -102,5 +116,5 @@ def _differing(content: bytes, recording: Recording) -> Iterator[str]:
         for task, row in recorded["global_tasks"].items():
             if tasks[task] != row:
                 yield f"{task} is {tasks[task]}, in the recording {row}"
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        yield f"it is malformed: {error!r}"
+    except (ValueError, KeyError, TypeError, RecursionError):
+        yield "it is malformed: it has not all that a run's summary has"

@@ -20,7 +20,7 @@ from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.command_log import NotedCommand
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
-from mrbt_mesh.runtime.run_dir import RUN_FILE, SUMMARY_FILE
+from mrbt_mesh.runtime.run_dir import MISSION_FILE, RUN_FILE, SUMMARY_FILE
 from mrbt_mesh.views.replay.check_derived import early
 from mrbt_mesh.views.replay.check_files import RunDirFiles, check_files
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
@@ -33,6 +33,7 @@ NO_SUMMARY = (
     "without a signed summary.json, the end of commands.jsonl is not proved, nor that nothing was "
     "added to the recordings of killed robots"
 )
+NO_MISSION = f"{MISSION_FILE} is missing: the mission was checked as the recordings have it"
 _Key = tuple[str, str, Version]
 
 
@@ -80,6 +81,8 @@ def verify(
         team.gaps += gaps
         if files.summary is None:
             notes = [*notes, NO_SUMMARY]
+        if RUN_FILE in files.others and MISSION_FILE not in files.missions:
+            notes = [*notes, NO_MISSION]
     counts: Counter[str] = Counter()
     for check in checks:
         counts.update(check.counts)

@@ -99,8 +99,12 @@ def _refusing(what: str) -> Iterator[None]:
     """Raise InputError for incomplete data."""
     try:
         yield
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{what}: {error!r}") from None
+    except InputError:
+        raise
+    except KeyError as error:
+        raise InputError(f"{what}: it has no {error.args[0]!r}") from None
+    except (TypeError, ValueError, AttributeError):
+        raise InputError(f"{what}: a value is of another kind") from None
 
 
 def _json_object(path: Path) -> Mapping[str, Any]:
@@ -110,8 +114,10 @@ def _json_object(path: Path) -> Mapping[str, Any]:
         json.dumps(data, ensure_ascii=False, allow_nan=False).encode()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON: {error}") from None
+    except (ValueError, RecursionError):
+        raise InputError(
+            f"{path}: is not JSON, or has numbers or texts that JSON has not"
+        ) from None
     if not isinstance(data, dict):
         raise InputError(f"{path}: is not a summary of a run")
     return data

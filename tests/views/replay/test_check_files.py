@@ -118,3 +118,10 @@ def test_a_summary_that_was_written_is_missed(run: Run) -> None:
     killed = replace(ended, signatures=())
     gaps = verify([*recordings[:-1], killed], manifest, RunDirFiles()).gaps
     assert GapKind.SUMMARY not in [gap.kind for gap in gaps]
+
+
+def test_a_missing_mission_is_noted(run: Run) -> None:
+    files = replace(files_of(run, None, None), others=("run.json",))
+    assert verify(*run[:2], files).notes == ()
+    (note,) = verify(*run[:2], replace(files, missions={})).notes
+    assert note.startswith("mission.json is missing")

@@ -57,7 +57,9 @@ def test_what_is_not_signed_is_named(run: Run) -> None:
     (text,) = found(run, content.replace(b"duration_s", b"length_s"), signed(run, content))
     assert text == "summary.json: it is not what was signed in summary.signature"
     assert found(run, content, signed(run, content, "R1")) == [text]
-    assert found(run, content, "[]") == [text]
+    not_ours = "summary.signature: it is not as mrbt writes it"
+    for signature in ("[]", "{}", signed(run, content).replace("\n", "\r\n")):
+        assert found(run, content, signature) == [not_ours]
     assert "it has no signature" in found(run, content, "")[0]
 
 
@@ -147,3 +149,8 @@ def test_a_signed_summary_explains_an_abrupt_end(run: Run, monkeypatch: pytest.M
         RunDirFiles(SummaryFile(content, covering(run, content, at_end))),
     )
     assert any("run.mcap: it ends abruptly at" in str(gap) for gap in verdict.gaps)
+
+
+def test_a_summary_whose_signature_alone_is_there_is_missing(run: Run) -> None:
+    (text,) = found(run, b"", signed(run, run[2]))
+    assert text.startswith("summary.json: it is missing, and summary.signature is here: give it")
