@@ -41,6 +41,7 @@ from mrbt_mesh.core.mission.mission import (
 )
 from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.features.bids.needs import bid_rule
+from mrbt_mesh.features.exclusive.policy import CoalitionPolicy
 from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.run import simulate
@@ -97,7 +98,7 @@ def mission_of(case: Mapping[str, Any], plain: bool) -> Mission:
             f"task({number})": GlobalTask(
                 f"task({number})",
                 tuple(Need(name, 1, 1, None, bid_rule() if plain else ()) for name in names),
-                simultaneous=True,
+                joint=CoalitionPolicy(simultaneous=True),
             )
             for number, names in needs.items()
         },

@@ -13,10 +13,11 @@ from benchmarks.large import LargeTeam, large_mission
 from benchmarks.registry import Benchmark, Result, Setting, Table
 from benchmarks.run import REPAIR
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.features.exclusive.kinds import DECISION
+from mrbt_mesh.features.exclusive.records import CoalitionId
 from mrbt_mesh.formats.mission_file import load_mission
 
 # Robots and nodes; 0: the vehicle repair.
@@ -86,7 +87,7 @@ class Story:
             # All of it are tasks by coalitions, which are passed over.
             line = next(iter(self.plan.assignments.values()))
             coalition = CoalitionId(1, line.robot, 1, "n")
-            name = f"{records.DECISION}/{line.activation}/{coalition}"
+            name = f"{DECISION}/{line.activation}/{coalition}"
             version = Version(Incarnation(1, "c"), 0)
             done = parse_entry(records.OPERATORS, name, version, ["done", "", "", ""])
             self.team.facts.map.merge([done])

@@ -17,21 +17,25 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
     from mrbt_mesh.core.agent.context import Context
+    from mrbt_mesh.core.agent.effects import StartAction
     from mrbt_mesh.core.agent.health import Health
-    from mrbt_mesh.core.agent.inputs import FeatureInput
+    from mrbt_mesh.core.agent.inputs import ActionFinished, FeatureInput
     from mrbt_mesh.core.agent.operator_desk import FieldRule
     from mrbt_mesh.core.agent.planner import Planner
+    from mrbt_mesh.core.agent.start_policy import StartPolicy
     from mrbt_mesh.core.assignment.problem import SideConstraint
+    from mrbt_mesh.core.bt.evaluation import Request as TreeRequest
     from mrbt_mesh.core.facts.records import Claim, Record
-    from mrbt_mesh.core.facts.store import Entry
+    from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation, Version
+    from mrbt_mesh.core.facts.task_status import TeamMembers
     from mrbt_mesh.core.facts.team_facts import TeamFacts
-    from mrbt_mesh.core.membership.wire import Heartbeat
+    from mrbt_mesh.core.membership.wire import Heartbeat, Request, RequestAnswer
     from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission
-    from mrbt_mesh.core.planning.capabilities import Worker
+    from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
     from mrbt_mesh.core.planning.consistency import LimitCheck
     from mrbt_mesh.core.planning.demands import Demand, Group
-    from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
-    from mrbt_mesh.formats.mission_model import MissionModel, NeedModel
+    from mrbt_mesh.core.planning.plan import Plan, RobotAssignment, Waiting
+    from mrbt_mesh.formats.mission_model import GlobalTaskModel, MissionModel, NeedModel
     from mrbt_mesh.formats.problems import Report, SourcePath
     from mrbt_mesh.observer.feature_history import FeatureHistory
     from mrbt_mesh.sim.chaos.feature_chaos import FeatureChaos
@@ -39,7 +43,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.sim.checkers.findings import RunFindings
 
 # The packages of the features, in the order in which the kernel calls them.
-NAMES: tuple[str, ...] = ("contact", "constraints", "bids")
+NAMES: tuple[str, ...] = ("contact", "constraints", "bids", "exclusive")
 
 
 class CommandField(NamedTuple):
@@ -47,11 +51,15 @@ class CommandField(NamedTuple):
 
     `read`: raises ValueError for what is no value. `parts`: of how many parts the names of such
     facts consist, the field itself included. `is_of_robot`: the second part is a robot's id.
+    `is_of_activation`: it is an activation of an action, and the fact is dropped with it. `once`:
+    the field is commanded only once, so the first value counts.
     """
 
     read: Callable[[Any], Any]
     parts: int
     is_of_robot: bool = False
+    is_of_activation: bool = False
+    once: bool = False
 
 
 class Index:
@@ -71,12 +79,133 @@ class Index:
         return {}
 
 
+class JointPolicy(ABC):
+    """How the robots of a global task carry it out jointly, as parties; see `JointFacts`.
+
+    `at_most_once`: no two parties are at work at the same time, and none begins what another one
+    may have done. `why_unscheduled`: why no schedule has such a task, empty if they may.
+    """
+
+    @property
+    @abstractmethod
+    def at_most_once(self) -> bool: ...
+
+    @property
+    @abstractmethod
+    def why_unscheduled(self) -> str: ...
+
+    @abstractmethod
+    def to_json(self) -> list[Any]:
+        """Four plain values, of which the mission asks features again: `Feature.joint_policy`."""
+
+    @abstractmethod
+    def problem(self) -> str:
+        """What is wrong with it in a compiled mission, if that was damaged; empty: nothing."""
+
+    @abstractmethod
+    def demands(
+        self,
+        facts: TeamFacts,
+        request: TreeRequest,
+        capabilities: Capabilities,
+        able: Sequence[Mapping[str, int]],
+        asked: str,
+    ) -> Group:
+        """The demands of a request, in the task's order of needs. `able`: for each need, robot ->
+        performance. `asked`: what else holds for these robots, as a text.
+        """
+
+    @abstractmethod
+    def obstacle(
+        self, facts: TeamFacts, request: TreeRequest, group: Group, team: Mapping[str, Worker]
+    ) -> str:
+        """Why a request cannot be served, whichever robots are free; empty if it can."""
+
+    @abstractmethod
+    def lead(
+        self,
+        facts: TeamFacts,
+        task: GlobalTask,
+        activation: str,
+        alive: Mapping[str, Incarnation],
+    ) -> tuple[str, int]:
+        """The leader of the party at work, empty if none is; and how many have ended before."""
+
+    @abstractmethod
+    def latches(
+        self,
+        facts: TeamFacts,
+        task: GlobalTask,
+        activation: str,
+        alive: Mapping[str, Incarnation],
+        me: str,
+    ) -> list[Fact]:
+        """The facts to write, with a plan, about the parties to an activation."""
+
+
+class JointFacts(ABC):
+    """The parties to one activation: robots that carry it out jointly, so that only outcomes of the
+    same party count together. An outcome names its party, and is kept here.
+    """
+
+    @abstractmethod
+    def add(self, entry: Entry) -> None:
+        """Take in an entry of one of the feature's kinds."""
+
+    @abstractmethod
+    def stamp_of(self, entry: Entry) -> int:
+        """The Lamport stamp in the name of such an entry."""
+
+    @abstractmethod
+    def add_outcome(
+        self, party: str, local_task: str, robot: str, success: bool, version: Version
+    ) -> None:
+        """Take in the outcome of a member of a party."""
+
+    @property
+    @abstractmethod
+    def has_outcome(self) -> bool:
+        """Whether some robot has an outcome."""
+
+    @property
+    @abstractmethod
+    def has_success(self) -> bool:
+        """Whether some robot has succeeded."""
+
+    @property
+    @abstractmethod
+    def verdict(self) -> bool | None:
+        """Success or failure, as an operator has decided; None: nobody has."""
+
+    @abstractmethod
+    def has_succeeded(self, task: GlobalTask) -> bool:
+        """Whether the task has succeeded, by an operator's decision or by its outcomes."""
+
+    @abstractmethod
+    def has_failed(self, task: GlobalTask, team: TeamMembers) -> bool:
+        """Whether the task has failed, by an operator's decision or by its outcomes."""
+
+    @abstractmethod
+    def results(self, local_task: str, team: TeamMembers) -> Mapping[str, bool]:
+        """Robot -> success, for the outcomes of one local task that count now."""
+
+    @abstractmethod
+    def may_be_done(self) -> bool:
+        """Whether a task that is done at most once is done, may be done, or is in doubt."""
+
+
 class Kit(NamedTuple):
-    """The kernel's parts of an agent that a feature's part may use."""
+    """The kernel's parts of an agent that a feature's part may use.
+
+    `report`: write how an action has ended, at this time. `given_up`: the facts to write when a
+    claim is dropped without an outcome.
+    """
 
     context: Context
     health: Health
     planner: Planner
+    report: Callable[[ActionFinished, int], None]
+    given_up: Callable[[Claim], list[Fact]]
 
 
 class Part:
@@ -98,11 +227,42 @@ class Part:
         """How this robot takes the commands of the feature's fields."""
         return {}
 
-    def heard(self, robot: str, beat: Heartbeat) -> None:
+    def heard(self, robot: str, beat: Heartbeat, now_us: int) -> None:
         """Another robot's heartbeat has come."""
 
+    def finished(self, event: ActionFinished, now_us: int) -> bool:
+        """Whether the part keeps the end of an action back; it calls `Kit.report` later."""
+        return False
+
+    def synced(self) -> None:
+        """The journal has more on the disk."""
+
+    # -- what goes out ------------------------------------------------------------------------
+
+    def request(self) -> Request | None:
+        """What this robot's heartbeats request of others; at most one part requests anything."""
+        return None
+
+    def answers(self) -> Sequence[RequestAnswer]:
+        """The answers to requests of others that its heartbeats carry."""
+        return ()
+
     def sent(self, number: int, now_us: int) -> None:
-        """This robot sends a heartbeat of this number."""
+        """This robot sends a heartbeat of this number, before its request and answers are read."""
+
+    # -- its life -----------------------------------------------------------------------------
+
+    def resume(self, now_us: int) -> None:
+        """This robot continues a recorded incarnation."""
+
+    def first_life(self) -> None:
+        """This robot joins, and no robot of the mission knows an earlier life of it."""
+
+    def is_bound(self) -> bool:
+        """Whether this robot has promised something, or was promised something that it needs: it
+        must not be absent, nor wait for a plan that is made elsewhere, nor skip a step.
+        """
+        return False
 
     # -- a step -------------------------------------------------------------------------------
 
@@ -113,9 +273,16 @@ class Part:
     def follow(self, now_us: int) -> None:
         """Act on the facts, before a plan is made."""
 
-    def may_begin(self, claim: Claim, is_exclusive: bool, now_us: int) -> bool:
+    def may_begin(self, claim: Claim, now_us: int) -> bool:
         """Whether this robot may begin what it claims, as far as the feature is concerned."""
         return True
+
+    def start_policy(self, task: GlobalTask) -> StartPolicy | None:
+        """What else a robot waits for before it begins this task; None: this part has no say."""
+        return None
+
+    def started(self, action: StartAction, now_us: int) -> None:
+        """This robot has begun an action, or set out for its place."""
 
     def prepare(self, plan: Plan, now_us: int) -> None:
         """Do what a new plan asks for before anybody acts by it."""
@@ -234,12 +401,20 @@ class Feature:
     `commands`: the fields that operators command for it. `kinds`: kinds of facts about activations
     of global tasks, which are dropped with them -> of how many parts their names consist: kind,
     activation, and so on. `in_plan`: the name of what a plan has of it, if it has anything.
+    `has_joint_facts`: its facts about activations, commands included, are kept in a `JointFacts`
+    for each activation; one feature at most has such.
     """
 
     section: ClassVar[str] = ""
     commands: ClassVar[Mapping[str, CommandField]] = {}
     kinds: ClassVar[Mapping[str, int]] = {}
     in_plan: ClassVar[str] = ""
+    has_joint_facts: ClassVar[bool] = False
+
+    def activation_kinds(self) -> Sequence[str]:
+        """The kinds of its facts about activations, commands included."""
+        fields = (field for field, known in self.commands.items() if known.is_of_activation)
+        return (*self.kinds, *fields)
 
     # -- the mission --------------------------------------------------------------------------
 
@@ -267,6 +442,12 @@ class Feature:
         """Whether this is a `Need.performance_rule` of the feature, and not damaged."""
         return False
 
+    def joint_policy(self, data: Sequence[Any]) -> JointPolicy | None:
+        """The inverse of `JointPolicy.to_json`; None if it is none of this feature. Raises
+        ValueError or TypeError.
+        """
+        return None
+
     # -- the mission file ---------------------------------------------------------------------
 
     def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
@@ -287,15 +468,37 @@ class Feature:
         """
         return ()
 
+    def build_joint(
+        self, task: GlobalTaskModel, path: SourcePath, report: Report
+    ) -> JointPolicy | None:
+        """How a global task of a mission file is carried out jointly; None: not by this feature."""
+        return None
+
     # -- facts, plans and agents --------------------------------------------------------------
 
     def parse(self, kind: str, value: Any) -> Record:
         """The record of a fact of one of the feature's kinds. Raises ValueError for any other."""
         raise NotImplementedError
 
+    def malformed(self, entry: Entry) -> str:
+        """What is wrong in any mission with the name of a fact of the feature, or of an outcome
+        that names a party; empty: nothing.
+        """
+        return ""
+
     def refuses(self, entry: Entry, task: GlobalTask) -> str:
         """Why an activation of this task has no place for a fact of the feature; empty: it has."""
         return ""
+
+    def objects_to_repeat(self, step: str) -> str:
+        """Why no revision is taken up that begins this step anew, which is done at most once and
+        was begun, with the remedy; empty: it is not for this feature to say.
+        """
+        return ""
+
+    def joint_facts(self) -> JointFacts:
+        """A new index for the facts of one activation, if the feature `has_joint_facts`."""
+        raise NotImplementedError
 
     def index(self, mission: Mission) -> Index | None:
         """A new index for the facts of a run of this mission."""
@@ -317,6 +520,14 @@ class Feature:
     def history(self, limit: int | None) -> FeatureHistory | None:
         """What is kept of a run for its summary, at most `limit` rows; None: nothing."""
         return None
+
+    def would_help(
+        self, facts: TeamFacts, waiting: Waiting, here: Collection[str]
+    ) -> tuple[Collection[str], int]:
+        """Which robots could end what keeps a request from being served, if they were started, and
+        how many of them it takes. `here`: the robots that are members.
+        """
+        return (), 0
 
     # -- the simulator ------------------------------------------------------------------------
 

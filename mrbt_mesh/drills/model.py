@@ -14,11 +14,12 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
-from mrbt_mesh.core.facts.records import Decision, Phase
+from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS, MICRO, Mission
 from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.drills.beside import words
 from mrbt_mesh.errors import nearest
+from mrbt_mesh.features.exclusive.kinds import Decision
 from mrbt_mesh.formats.file_model import (
     EXPLAINED,
     FileModel,

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Kind, Tree, TreeError, build_tree
-from mrbt_mesh.core.feature import Built, features
+from mrbt_mesh.core.feature import Built, JointPolicy, features
 from mrbt_mesh.core.mission.mission import (
     MAX_AT_MOST,
     MAX_GLOBAL_TASKS,
     Costs,
     FailurePolicy,
     GlobalTask,
-    InDoubtPolicy,
     JobType,
     LocalTask,
     Mission,
@@ -254,7 +253,7 @@ class _Builder:
                 self.performance_rule(need, "", path)
             self.blocked_us(task.blocked, ("global_tasks", name, "blocked", "fail_after_s"))
             self.failure(task, ("global_tasks", name, "failure", "after_s"))
-            self.begin_within_us(task, ("global_tasks", name, "begin_within_s"))
+            self.joint(task, ("global_tasks", name))
         self.blocked_us(self.model.blocked, ("blocked", "fail_after_s"))
 
     def blocked_us(self, blocked: Blocked | None, path: SourcePath) -> int | None:
@@ -263,11 +262,10 @@ class _Builder:
             return None
         return micro_or_report(blocked.fail_after_s, path, self.report)
 
-    def begin_within_us(self, task: GlobalTaskModel, path: SourcePath) -> int | None:
-        """Return within which time the robots of a coalition must begin; None: the default time."""
-        if task.begin_within_s is None:
-            return None
-        return micro_or_report(task.begin_within_s, path, self.report)
+    def joint(self, task: GlobalTaskModel, path: SourcePath) -> JointPolicy | None:
+        """Return how robots carry the task out jointly; None: they do not."""
+        found = (feature.build_joint(task, path, self.report) for feature in features())
+        return next((policy for policy in found if policy is not None), None)
 
     def failure(self, task: GlobalTaskModel, path: SourcePath) -> tuple[FailurePolicy, int | None]:
         """Return the policy, and for how long the team has to agree; None: the default time."""
@@ -335,12 +333,9 @@ class _Builder:
                 failure,
                 self.blocked_us(blocked, path),
                 model.preemptive,
-                model.simultaneous,
-                model.exclusive,
-                InDoubtPolicy(model.in_doubt or InDoubtPolicy.HOLD),
+                self.joint(model, path),
                 after_us,
                 self.effects(model, scope),
-                self.begin_within_us(model, path),
             )
         return tasks
 

@@ -28,9 +28,6 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.records import (
     Claim,
-    Coalition,
-    CoalitionId,
-    CoalitionMember,
     Member,
     Phase,
     TeamOrder,
@@ -41,6 +38,8 @@ from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micr
 from mrbt_mesh.core.mission.names import declared_name, robot_condition
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.features.bids.needs import BID, by_bid
+from mrbt_mesh.features.exclusive.kinds import COALITION
+from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId, CoalitionMember
 from mrbt_mesh.formats.file_model import FileModel, one_of, read_model
 from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.tree_model import Scalar
@@ -233,13 +232,13 @@ class _Builder:
         self._write(robot, records.CLAIM, claim.to_value())
         if token:
             member = CoalitionMember(robot, local_task, *ALIVE, self._sequence, claim.since)
-            self._crews.setdefault(f"{records.COALITION}/{activation}/{token}", []).append(member)
+            self._crews.setdefault(f"{COALITION}/{activation}/{token}", []).append(member)
 
     def _token(self, task: str) -> str:
         """Return the token of a task's only coalition in a file; empty for tasks without
         coalitions.
         """
-        by_coalition = self.mission.global_tasks[task].by_coalition
+        by_coalition = self.mission.global_tasks[task].joint is not None
         return str(CoalitionId(1, self._first, *ALIVE)) if by_coalition else ""
 
     def _lost(self, lost: Mapping[str, list[str]]) -> None:

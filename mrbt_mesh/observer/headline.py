@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import (
     ADDRESS,
     NETWORK,
@@ -20,12 +19,12 @@ from mrbt_mesh.core.facts.records import (
     TeamOrder,
     problem_text,
 )
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission, Recorded, performance
 from mrbt_mesh.core.mission.names import name_order, type_name
-from mrbt_mesh.core.planning.demands import LACKS_GRANTS
-from mrbt_mesh.core.planning.plan import Shortage, shortened
+from mrbt_mesh.core.planning.plan import Shortage, Waiting, shortened
 from mrbt_mesh.observer.episodes import MajorFault, after_text, lost_text
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.observer.time_at_work import duration_text, overdue
@@ -193,8 +192,7 @@ def _blocked(observer: Observer) -> Iterator[Statement]:
         parts = [each.reason.removeprefix("blocked: ")]
         for shortage in each.shortages:
             parts += remedies(observer, shortage)
-        if each.obstacle.startswith(LACKS_GRANTS):
-            parts += _who_could_grant(observer)
+        parts += _who_would_help(observer, each)
         job = parse_activation(each.activation).job
         name = f"{each.global_task} of job {job}" if job else each.global_task
         yield Statement(Level.BAD, f"BLOCKED: {name}: {': '.join(parts)}")
@@ -223,14 +221,17 @@ def remedies(observer: Observer, shortage: Shortage) -> list[str]:
     return [_joined(found, missing)]
 
 
-def _who_could_grant(observer: Observer) -> list[str]:
-    """The robots that could be started so that a majority can grant an exclusive task."""
-    facts = observer.facts
-    states = {robot: observer.robot_state(robot) for robot in sorted(facts.grantors)}
-    found = [_start(robot) for robot, state in states.items() if state in _STARTABLE]
-    here = [r for r, s in states.items() if s.is_member and r in facts.members]
-    granting = sum(facts.members[robot][0].may_promise for robot in here)
-    return [_joined(found, majority(facts.grantors) - granting)] if found else []
+def _who_would_help(observer: Observer, waiting: Waiting) -> list[str]:
+    """The robots that could be started, as features say, so that a request can be served."""
+    states = {robot: observer.robot_state(robot) for robot in sorted(observer.facts.members)}
+    here = [robot for robot, state in states.items() if state.is_member]
+    texts = []
+    for feature in features():
+        robots, missing = feature.would_help(observer.facts, waiting, here)
+        found = [_start(r) for r in sorted(robots) if observer.robot_state(r) in _STARTABLE]
+        if found:
+            texts.append(_joined(found, missing))
+    return texts
 
 
 def _start(robot: str) -> str:

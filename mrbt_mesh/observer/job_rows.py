@@ -13,8 +13,7 @@ from mrbt_mesh.core.mission.job_arguments import Argument, named_arguments
 from mrbt_mesh.core.mission.jobs import utc_text
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.mission.names import name_order
-from mrbt_mesh.core.planning.demands import IN_DOUBT
-from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.planning.plan import UNDECIDED, Plan
 from mrbt_mesh.observer.observer import Observer
 
 HELD, WAITING, RUNNING = "held", "waiting", "running"
@@ -185,7 +184,7 @@ def left_behind(row: JobRow) -> JobRow:
     """A row of a team that does not run: that no robot is there holds for all jobs and is no
     reason, what follows from facts about this one is.
     """
-    is_own = row.why.startswith((NOT_BEFORE, NO_PLACE)) or IN_DOUBT in row.why
+    is_own = row.why.startswith((NOT_BEFORE, NO_PLACE)) or UNDECIDED in row.why
     is_open = row.state in (HELD, WAITING, RUNNING)
     return replace(row, why="") if is_open and not is_own else row
 
@@ -199,7 +198,7 @@ def why_over(observer: Observer) -> str:
 
 def _behind(in_tree: Collection[str], reasons: Mapping[str, str]) -> str:
     """Why a job is not in the tree: it is full, perhaps of jobs that an operator has to decide."""
-    doubted = sum(reasons.get(job, "").startswith(f"blocked: {IN_DOUBT}") for job in in_tree)
+    doubted = sum(reasons.get(job, "").startswith(f"blocked: {UNDECIDED}") for job in in_tree)
     more = f", {doubted} of them in doubt (`mrbt decide`)" if doubted else ""
     return f"behind others{more}"
 

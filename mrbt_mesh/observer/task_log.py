@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
-from mrbt_mesh.core.facts.records import Decision, TeamOrder
+from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.task_status import has_succeeded
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
@@ -115,9 +115,8 @@ class TaskLog:
         said = self._latest.get(name)
         if said is None:
             return self.tasks[name].state
-        is_done = said.is_decided(Decision.DONE)
-        if is_done or has_succeeded(self._mission.global_tasks[name], said):
+        if has_succeeded(self._mission.global_tasks[name], said):
             return TaskState.SUCCESS
-        is_failure = said.has_latched_failure or said.is_decided(Decision.FAILED)
+        is_failure = said.has_latched_failure or said.verdict is False
         is_failure = is_failure or str(said.activation) in self._failed
         return TaskState.FAILURE if is_failure else TaskState.CANCELLED

@@ -213,7 +213,7 @@ class RobotRecorder(Recorder):
             case StartAction():
                 self._action, self._percent = effect, 0
                 more = {
-                    "coalition": effect.coalition,
+                    "coalition": effect.party,
                     "partners": list(effect.partners),
                     "performance": effect.performance / MICRO,
                 }

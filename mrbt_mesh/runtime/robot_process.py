@@ -152,7 +152,7 @@ def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...]
     if journal is not None:
         entries, reason = journal.begin()
         return entries, f"journal cannot be written: {reason}" if reason else ""
-    if any(task.exclusive for task in mission.all_tasks()):
+    if mission.has_tasks_at_most_once:
         return (), NO_JOURNAL
     return (), ""
 

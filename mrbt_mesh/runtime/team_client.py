@@ -24,12 +24,10 @@ from mrbt_mesh.core.agent.operator_messages import INVALID, UNKNOWN, command_ver
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import (
     ABORTED,
-    DECISION,
     JOB,
     MISSION,
     MISSION_WITHDRAWN,
     PAUSED,
-    Decision,
 )
 from mrbt_mesh.core.facts.values import (
     MAX_TEXT,
@@ -44,6 +42,8 @@ from mrbt_mesh.core.mission.job_arguments import (
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN
 from mrbt_mesh.errors import InputError, lone
+from mrbt_mesh.features.exclusive.coalitions import coalitions_of, grantors
+from mrbt_mesh.features.exclusive.kinds import DECISION, Decision
 from mrbt_mesh.observer.job_rows import JobRow, JobRows, why_over
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.job_requests import (
@@ -340,7 +340,7 @@ class TeamClient:
         facts, plan = self.watcher.observer.facts, self.watcher.observer.plan
         found: dict[str, list[tuple[str, str]]] = {}
         for request in plan.evaluation.requests if plan is not None else ():
-            for coalition in facts.coalitions(request.activation).in_doubt(facts.grantors):
+            for coalition in coalitions_of(facts, request.activation).in_doubt(grantors(facts)):
                 subject = parse_activation(request.activation).subject
                 found.setdefault(subject, []).append((request.activation, str(coalition)))
         return found

@@ -88,7 +88,7 @@ async def refusals(
         changes,
         alive,
         is_forced=consent.is_forced,
-        repeats_exclusive=consent.repeats_exclusive,
+        may_repeat=consent.repeats_exclusive,
     )
     text, problems = compile_mission(mission), dict[str, str]()
 

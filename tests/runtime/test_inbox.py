@@ -19,8 +19,8 @@ from mrbt_mesh.core.membership.wire import (
     MAX_MESSAGE_BYTES,
     Header,
     Heartbeat,
-    LeaseGrant,
     MessageKind,
+    RequestAnswer,
     SelfReport,
     Suspicion,
     write_heartbeat,
@@ -122,8 +122,8 @@ def test_a_heartbeat_without_news_waits_with_its_time(quiet: Inbox, beat: Heartb
         replace(BEAT_8, fact_digest=b"facts001"),
         replace(BEAT_8, members_digest=b"members1"),
         replace(BEAT_8, suspicions=(SUSPECT,)),
-        replace(BEAT_8, lease_request=("a", "b")),
-        replace(BEAT_8, lease_grants=(LeaseGrant("b", "C", 3),)),
+        replace(BEAT_8, request=("a", "b")),
+        replace(BEAT_8, answers=(RequestAnswer("b", "C", 3),)),
     ],
 )
 def test_news_do_not_wait_and_take_the_place_of_what_does(quiet: Inbox, beat: Heartbeat) -> None:

@@ -23,9 +23,6 @@ from mrbt_mesh.core.facts.records import (
     Attempt,
     ChildResult,
     Claim,
-    Coalition,
-    CoalitionId,
-    CoalitionMember,
     ConditionValue,
     HeldMission,
     Job,
@@ -38,6 +35,8 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.values import MAX_STAMP
 from mrbt_mesh.features.bids.facts import Bid
+from mrbt_mesh.features.exclusive.coalitions import Coalitions
+from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId, CoalitionMember
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import SimulationResult, simulate
@@ -242,8 +241,8 @@ def of_coalitions(kind: str, subject: str) -> Lie:
         facts = [
             (f"{kind}/{name}/{token}", LATCH)
             for name, said in sorted(liar.facts.activations.items())
-            if said.coalitions is not None and f":{subject}" in name
-            for token in {*said.coalitions.members, *said.coalitions.grants}
+            if isinstance(said.joint, Coalitions) and f":{subject}" in name
+            for token in {*said.joint.members, *said.joint.grants}
         ]
         assert facts, "the liar was too late"
         liar.write(*facts)
@@ -257,7 +256,7 @@ def false_coalition(liar: Liar) -> None:
     token = CoalitionId(1, me, *life)
     for claim in [each.claim for each in liar.facts.claims.values()]:
         task = liar.facts.task_of(claim.activation)
-        if task is not None and task.by_coalition:
+        if task is not None and task.joint is not None:
             members = tuple(
                 CoalitionMember(robot, claim.local_task, 1, "n", 1, 1) for robot in ("A2", "A3")
             )

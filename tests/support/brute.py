@@ -18,6 +18,7 @@ from mrbt_mesh.core.mission.mission import (
     Need,
     Robot,
 )
+from tests.support.build import jointly
 
 Fault = str | tuple[str, str]
 MAX_CAPABILITIES = 9
@@ -97,7 +98,10 @@ def _task(name: str, names: list[str], pick: random.Random, optional: random.Ran
         needs = (needs[0], replace(needs[1], min_robots=0))
     waits = None if pick.random() < 0.5 else 1_000_000
     return GlobalTask(
-        name, needs, blocked_fail_after_us=waits, exclusive=pick.random() < 0.1, simultaneous=True
+        name,
+        needs,
+        blocked_fail_after_us=waits,
+        joint=jointly(exclusive=pick.random() < 0.1, simultaneous=True),
     )
 
 
@@ -128,7 +132,7 @@ def can_serve(mission: Mission, tasks: Iterable[str], faults: Collection[Fault])
 def can_decide(mission: Mission, task: str, faults: Collection[Fault]) -> bool:
     """What is exclusive is decided by a majority only."""
     alive = sum(robot not in faults for robot in mission.robots)
-    return not mission.global_tasks[task].exclusive or alive > len(mission.robots) // 2
+    return not mission.global_tasks[task].at_most_once or alive > len(mission.robots) // 2
 
 
 def outcomes(

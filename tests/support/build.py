@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.agent.operator_messages import command_version
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
@@ -12,13 +12,10 @@ from mrbt_mesh.core.bt.evaluation import Evaluation, OutcomeTick
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import ready_members
 from mrbt_mesh.core.facts.records import (
     ABORTED,
     PAUSED,
     Claim,
-    Coalition,
-    CoalitionId,
     Member,
     Phase,
     Record,
@@ -27,6 +24,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.feature import JointPolicy
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import (
@@ -41,6 +39,11 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 
+if TYPE_CHECKING:
+    from mrbt_mesh.features.exclusive.records import CoalitionId
+
+# Fields of a task that say how robots carry it out jointly.
+_JOINT = ("simultaneous", "exclusive", "in_doubt", "begin_within_us")
 RUN = "r1"
 SECOND_US = 1_000_000
 
@@ -107,9 +110,20 @@ def task(name: str, *needs: tuple[Any, ...], **policies: Any) -> GlobalTask:
     """A global task; without `needs` one robot does the local task of the same name.
 
     A need is (local task, min, max), or with bids (local task, min, max, True[, within_us]).
+    `policies`: as in `GlobalTask`, or in `jointly`.
     """
     rows = needs or ((name, 1, 1),)
-    return GlobalTask(name, tuple(_need(*row) for row in rows), **policies)
+    joint = {key: policies.pop(key) for key in _JOINT if key in policies}
+    return GlobalTask(name, tuple(_need(*row) for row in rows), **policies, joint=jointly(**joint))
+
+
+def jointly(**policy: Any) -> JointPolicy | None:
+    """How a `simultaneous` or `exclusive` task is carried out; None if it is neither."""
+    if not (policy.get("simultaneous") or policy.get("exclusive")):
+        return None
+    from mrbt_mesh.features.exclusive.policy import CoalitionPolicy
+
+    return CoalitionPolicy(**policy)
 
 
 def _need(local_task: str, least: int, most: int, *bid: Any) -> Need:
@@ -256,6 +270,10 @@ class World:
 
     def form(self, activation: str, *robots: str, since: int = 1, local: str = "") -> CoalitionId:
         """The first of these robots writes down the coalition, and all of them start."""
+        from mrbt_mesh.features.exclusive.coalitions import ready_members
+        from mrbt_mesh.features.exclusive.kinds import COALITION
+        from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId
+
         local = (
             local
             or self.mission.global_tasks[parse_activation(activation).subject].needs[0].local_task
@@ -264,7 +282,7 @@ class World:
             self.ready(robot, activation, local, since)
         members = ready_members(self.facts, activation, dict.fromkeys(robots, local))
         token = CoalitionId(since, robots[0], *self.alive[robots[0]])
-        name = f"{records.COALITION}/{activation}/{token}"
+        name = f"{COALITION}/{activation}/{token}"
         self.write(robots[0], (name, Coalition(tuple(members))))
         for robot in robots:
             self.go(robot, activation, token, local)

@@ -25,7 +25,7 @@ from mrbt_mesh.core.agent.operator_messages import (
     operate_body,
 )
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import COMMANDS, CoalitionId, Phase
+from mrbt_mesh.core.facts.records import COMMANDS, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import ForgedError, parse_envelope
 from mrbt_mesh.core.membership.keys import Keys, make_command
@@ -368,7 +368,7 @@ def entry_text(name: str, value: object) -> str:
         case "coalition", members:
             return f"coalition of {', '.join(row[0] for row in members)}"
         case (("broken" | "grant" | "doubt" | "cleared"), True):
-            leader = CoalitionId.parse(parts[1]).leader
+            leader = parts[1].partition(".")[0]
             return f"{kind} of {leader} for {parse_activation(parts[0]).subject}"
         case "bid", bid:
             return f"bid {'none' if bid is None else f'{bid / 1e6:g}'} for {parts[1]}"

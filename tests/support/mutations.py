@@ -16,7 +16,6 @@ from unittest import mock
 from weakref import WeakKeyDictionary
 
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.coalition_begin import BeginWatch
 from mrbt_mesh.core.agent.commands import Answer, Commands
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.effects import Persist
@@ -29,21 +28,19 @@ from mrbt_mesh.core.assignment import canonical, problem
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Guard, Guards
 from mrbt_mesh.core.bt.tree import Kind, Node
-from mrbt_mesh.core.facts import coalitions, jobs, store, task_status
+from mrbt_mesh.core.facts import jobs, store
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.jobs import Jobs
-from mrbt_mesh.core.facts.records import GRANT, Arguments, ConditionValue, Outcome
+from mrbt_mesh.core.facts.records import Arguments, ConditionValue, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.feature import NAMES
-from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.keys import make_command
-from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Durability, Replica
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
+from mrbt_mesh.core.mission.mission import FailurePolicy
 from mrbt_mesh.core.planning import capabilities, demands, make_plan, schedules
 
 Patch = tuple[Any, str, Callable[..., Any]]
@@ -91,11 +88,6 @@ add("no_relays", (Membership, "relays", always({})))
 add("starts_without_agreement", (Membership, "all_report_plan", always(True)))
 # Leases are given, and exclusive tasks begun, before the facts that they rest on are on the disk.
 add("promises_before_synced", (Durability, "is_on_disk", always(True)))
-# One grant is enough for an exclusive task.
-add(
-    "exclusive_without_majority",
-    *((module, "majority", always(1)) for module in (coalitions, leases, demands)),
-)
 # A schedule may have tasks before those that they come after in the tree.
 add("schedules_against_the_tree", (schedules, "precedence", always({})))
 # Any free robot goes on with the work that one robot has begun for itself.
@@ -112,8 +104,6 @@ add(
     (Reviser, "may_begin", always(True)),
     (make_plan, "Plan", lambda plan, *given, **named: plan(*given, **named | {"revision": None})),
 )
-# What a coalition did counts whenever its members began.
-add("partners_may_be_late", (BeginWatch, "_have_all_begun", always(True)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
 
@@ -208,31 +198,6 @@ add(
 )
 
 
-def _has_enough(
-    original: Any,
-    facts: Any,
-    task: Any,
-    activation: str,
-    token: Any,
-    alive: Mapping[str, Incarnation] | None,
-) -> bool:
-    members = facts.coalitions(activation).members[token]
-    if alive is not None:
-        lives = {m.robot: Incarnation(m.counter, m.nonce) for m in members}
-        alive = {robot: lives.get(robot, life) for robot, life in alive.items()}
-    return bool(original(facts, task, activation, token, alive))
-
-
-# The claim of an earlier life still holds its robot in a coalition. (That of a robot without
-# coalition ends with the batch with which its next life joins.)
-add(
-    "stale_claims_stay_valid",
-    (coalitions, "_has_enough", _has_enough),
-    (coalitions, "is_still_in", always(True)),
-    (demands, "is_still_in", always(True)),
-)
-
-
 @mutation(AntiEntropy, "peers_to_ask")
 def no_repair(
     original: Any, mine: AntiEntropy, now_us: int, own: Collection[bytes] = ()
@@ -279,35 +244,6 @@ def prunes_what_is_current(prune: Any, mine: TeamFacts) -> Any:
 
     with mock.patch.object(Evaluator, "is_obsolete", drops):
         return prune(mine)
-
-
-def _restore_no_grants(original: Any, mine: Replica, entries: Sequence[Entry]) -> None:
-    original(mine, [e for e in entries if not e.name.startswith(f"{GRANT}/")])
-
-
-def _init_and_grant(original: Any, mine: LeaseGrantor, *given: Any) -> None:
-    original(mine, *given)
-    mine.end_silence()
-
-
-# A robot forgets its grants when it starts again, and grants at once.
-add(
-    "grants_not_synced",
-    (Replica, "restore", _restore_no_grants),
-    (LeaseGrantor, "__init__", _init_and_grant),
-)
-
-
-@mutation(task_status, "has_succeeded")
-def rounds_are_mixed(original: Any, task: GlobalTask, said: ActivationFacts) -> bool:
-    """Successes of different coalitions count together."""
-    if said.coalitions is None:
-        return bool(original(task, said))
-    outcomes = said.coalitions.outcomes.values()
-    return all(
-        sum(sum(found.get(n.local_task, {}).values()) for found in outcomes) >= n.min_robots
-        for n in task.needs
-    )
 
 
 @mutation(Commands, "carry_out")
@@ -373,4 +309,4 @@ def the_dead_count_as_assigned(original: Any, facts: TeamFacts, requests: Any, *
 
 for feature in NAMES:
     for name, patch in import_module(f"tests.features.{feature}.mutants").MUTANTS.items():
-        add(name, patch)
+        add(name, *(patch if isinstance(patch, list) else [patch]))

@@ -44,7 +44,8 @@ def desk(
     assert context.facts.jobs is not None
     if clock_us is not None:
         context.wall_clock.read(clock_us, 0)
-    parts = Parts(Kit(context, Health(context), Planner(context, RobotTree({"look"}))))
+    planner = Planner(context, RobotTree({"look"}))
+    parts = Parts(Kit(context, Health(context), planner, lambda *_: None, lambda _: []))
     parts.compose(0)
     of_features = [part.rules() for part in parts.all]
     own = team_rules(context), Reviser(context).rules(), job_rules(context), *of_features

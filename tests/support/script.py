@@ -19,7 +19,6 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import (
     FailurePolicy,
     GlobalTask,
-    InDoubtPolicy,
     Mission,
     MissionEnd,
     Recorded,
@@ -113,6 +112,8 @@ class Script:
             elif word in ("simultaneous", "exclusive"):
                 policies[word] = True
             elif key == "in_doubt":
+                from mrbt_mesh.features.exclusive.fields import InDoubtPolicy
+
                 policies[key] = InDoubtPolicy(value)
             elif key == "failure":
                 policies[key] = FailurePolicy(value)
@@ -272,9 +273,11 @@ class Script:
 
     def do_decide(self, name: str, activation: str, decision: str) -> None:
         """decide A dose retry: about the first coalition that has left a global task in doubt."""
+        from mrbt_mesh.features.exclusive.coalitions import granted, grantors
+
         facts = self.team.processes[name].agent.view.facts
-        for known, found in facts.granted():
-            doubted = found.in_doubt(facts.grantors)
+        for known, found in granted(facts):
+            doubted = found.in_doubt(grantors(facts))
             if parse_activation(known).subject == activation and doubted:
                 self.team.operate(name, f"decision/{known}/{doubted[0]}", decision)
 

@@ -30,7 +30,7 @@ from mrbt_mesh.core.mission.mission import (
 )
 from mrbt_mesh.sim import Kill, Lose, Schedule, simulate
 from mrbt_mesh.sim.world.faults import Operate
-from tests.support.build import SECOND_US, make_mission
+from tests.support.build import SECOND_US, jointly, make_mission
 
 MAX_TASKS, MAX_CONDITIONS = 5, 3
 # Robots that the team has met are lost while it rests by command, before any action has ended.
@@ -127,9 +127,11 @@ class _Drawing:
                 tuple(needs),
                 failure,
                 SECOND_US if pick.random() < 0.3 else None,
-                simultaneous=starts_together,
-                # A robot that dies in the middle would leave it in doubt.
-                exclusive=not self.are_known and pick.random() < 0.1 and not self.is_bound,
+                joint=jointly(
+                    simultaneous=starts_together,
+                    # A robot that dies in the middle would leave it in doubt.
+                    exclusive=not self.are_known and pick.random() < 0.1 and not self.is_bound,
+                ),
             )
         )
         return NodeSpec(Kind.ACTION, subject=name)
@@ -337,7 +339,7 @@ def _able(case: Case, local_task: str) -> list[str]:
 def _may_decide(case: Case, task: GlobalTask) -> bool:
     """What is exclusive is decided by a majority only."""
     alive = sum(robot not in case.faults for robot in case.mission.robots)
-    return not task.exclusive or 2 * alive > len(case.mission.robots)
+    return not task.at_most_once or 2 * alive > len(case.mission.robots)
 
 
 def _are_enough(case: Case, task: GlobalTask, doers: Doers) -> bool:

@@ -387,7 +387,7 @@ class BindingFile(BoundFile):
         exclusive = {
             type_name(need.local_task)
             for task in mission.all_tasks()
-            if task.exclusive
+            if task.at_most_once
             for need in task.needs
         }
         for name in sorted(exclusive & self.local_tasks.keys()):

@@ -11,8 +11,7 @@ from mrbt_mesh.analysis.tolerance.fault_counts import Tolerance, tolerance
 from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.readings import READINGS, Question
 from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
-from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.mission import Costs, Mission
+from mrbt_mesh.core.mission.mission import Costs, Mission, majority
 from mrbt_mesh.features.constraints.kinds import constraints_of
 from mrbt_mesh.formats.cautions import cautions
 

@@ -23,8 +23,7 @@ from mrbt_mesh.analysis.tolerance.service import (
     Service,
     merged,
 )
-from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission, majority
 
 MAX_NEEDS = 8
 

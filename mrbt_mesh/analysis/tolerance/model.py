@@ -16,7 +16,7 @@ from ortools.sat.python import cp_model
 
 from mrbt_mesh.analysis.tolerance.requirement import ALWAYS, NEVER, Requirement
 from mrbt_mesh.analysis.tolerance.service import Capability, Fault, JointNeed, Service, merged
-from mrbt_mesh.core.facts.coalitions import majority
+from mrbt_mesh.core.mission.mission import majority
 
 Literal: TypeAlias = Any  # ortools has no type for "a Boolean variable or its negation"
 Subset: TypeAlias = tuple[int, ...]  # of the merged needs of a service

@@ -56,7 +56,7 @@ def serial_services(
     services, numbers = _tasks(mission)
     deciding: dict[str, int] = {}
     for task in mission.global_tasks.values():
-        if task.exclusive and task.blocked_fail_after_us is not None:
+        if task.at_most_once and task.blocked_fail_after_us is not None:
             # A blocked task fails only if a living majority can decide it.
             deciding[task.id] = len(services)
             services = (*services, Service(f"a majority for {task.id}", (task.id,), (), True))

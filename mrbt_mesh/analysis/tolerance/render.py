@@ -19,7 +19,7 @@ from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.service import Fault
 from mrbt_mesh.cli.printing import Panel, Printable, Stack, Styled
 from mrbt_mesh.cli.terminal import table
-from mrbt_mesh.core.facts.coalitions import majority
+from mrbt_mesh.core.mission.mission import majority
 from mrbt_mesh.core.mission.names import type_name
 
 MAX_NAMED = 8

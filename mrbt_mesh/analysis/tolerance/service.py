@@ -14,8 +14,7 @@ from functools import cached_property
 from typing import TypeAlias
 
 from mrbt_mesh.core.bt.evaluation import Request
-from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.mission import GlobalTask, Mission
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission, majority
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.consistency import Consistency
 from mrbt_mesh.core.planning.demands import Demand
@@ -94,7 +93,7 @@ def service(mission: Mission, tasks: tuple[GlobalTask, ...], name: str) -> Servi
         }
         needs.append(JointNeed(local_task, count, entries))
     ids = tuple(task.id for task in tasks)
-    return Service(name, ids, tuple(needs), any(task.exclusive for task in tasks))
+    return Service(name, ids, tuple(needs), any(task.at_most_once for task in tasks))
 
 
 def somebody(mission: Mission) -> Service:

@@ -17,20 +17,17 @@ from typing import Any
 
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.alone import Alone
-from mrbt_mesh.core.agent.coalition_begin import BeginWatch
-from mrbt_mesh.core.agent.coalition_start import CoalitionStart
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
 from mrbt_mesh.core.agent.effects import Effect, UseMission
-from mrbt_mesh.core.agent.executor import Executor, PlainStart, StartPolicies
+from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.inbound import Inbound
 from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.job_clock import JobClock
-from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.planner import Planner
@@ -43,7 +40,8 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import PROGRAM
-from mrbt_mesh.core.facts.records import CLOCK
+from mrbt_mesh.core.facts.records import CLOCK, Claim
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.feature import Kit
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.timing import NEVER_US, HeartbeatSchedule
@@ -75,12 +73,11 @@ class Agent:
         )
         self._tree = tree = RobotTree({type_name(name) for name in config.capabilities})
         self._planner = Planner(context, tree)
-        self._leased: LeasedStart | None = None
-        self._begin_watch: BeginWatch | None = None
         self._health = health = Health(context)
         self._alone = Alone(context, health)
         self._scheduler: Scheduler | None = None
-        self._parts = Parts(Kit(context, health, self._planner))
+        kit = Kit(context, health, self._planner, self._report, self._given_up)
+        self._parts = Parts(kit)
         self._reviser = Reviser(context)
         self._deferred = DeferredInputs()
         context.replica.shown_by_tick = partial(shown_by_tick, context.facts)
@@ -111,26 +108,17 @@ class Agent:
         context, planner, health = self._context, self._planner, self._health
         mission, schedule, duplicates = context.mission, self._schedule, self._duplicates
         parts = self._parts
-        if self._leased is None and any(task.exclusive for task in mission.all_tasks()):
-            self._leased = LeasedStart(context, planner, now_us)
-        leased = self._leased
-        starts = StartPolicies(PlainStart(), CoalitionStart(context), leased)
-        self._executor = executor = Executor(context, self._tree, starts, self._reviser, parts)
+        self._executor = executor = Executor(context, self._tree, self._reviser, parts)
         self._reports = reports = Reports(context, executor, schedule, health)
-        if self._begin_watch is None and any(task.simultaneous for task in mission.all_tasks()):
-            self._begin_watch = BeginWatch(context)
-        begin_watch = self._begin_watch
-        if begin_watch is not None:
-            begin_watch.use(executor, reports)
         if self._scheduler is None and mission.travel is not None:
             self._scheduler = Scheduler(context)
         scheduler = executor.scheduler = self._scheduler
-        self._lifecycle = Lifecycle(context, planner, leased, duplicates, schedule)
-        self._heartbeats = Heartbeats(context, schedule, self._tree, leased, parts)
+        self._lifecycle = Lifecycle(context, planner, duplicates, schedule, parts)
+        self._heartbeats = Heartbeats(context, schedule, self._tree, parts)
         parts.compose(now_us)
         self._commands = Commands(context, reports, health, self._reviser, parts)
-        inbound = Inbound(context, planner, leased, duplicates, schedule, self._commands, parts)
-        self.view.stepping = Stepping(context, leased, parts)
+        inbound = Inbound(context, duplicates, schedule, self._commands, parts)
+        self.view.stepping = Stepping(context, parts)
         jobs, work = context.facts.jobs, context.work
         self._wall_clock = clock = context.wall_clock
         self._job_clock: JobClock | None = None
@@ -143,7 +131,7 @@ class Agent:
             inputs.QueryReceived: inbound.take,
             inputs.AnswerReceived: inbound.take,
             inputs.InputRefused: lambda e, _: context.refuse(e.source, e.reason, count=e.count),
-            inputs.ActionFinished: (begin_watch or reports).finished,
+            inputs.ActionFinished: self._action_finished,
             inputs.ActionStopped: lambda e, _: work.stopped(e.ticket),
             inputs.ProgressReported: lambda e, _: work.progressed(e.ticket, e.percent),
             inputs.TreeTicked: lambda e, _: work.tree_ticked(e.ticket, e.statuses),
@@ -263,11 +251,21 @@ class Agent:
         )
         return self._deadline_us
 
+    def _action_finished(self, event: inputs.ActionFinished, now_us: int) -> None:
+        if True not in [finished(event, now_us) for finished in self._parts.finished]:
+            self._reports.finished(event, now_us)
+
+    def _report(self, event: inputs.ActionFinished, now_us: int) -> None:
+        self._reports.finished(event, now_us)
+
+    def _given_up(self, claim: Claim) -> list[Fact]:
+        return self._executor.given_up(claim)
+
     def _journal_synced(self, event: inputs.JournalSynced, now_us: int) -> None:
         self._context.durability.note_synced(event.number)
         self._context.answer_kept()
-        if self._leased is not None:
-            self._leased.leases.take_own_answers()
+        for synced in self._parts.synced:
+            synced()
         self._health.report_journal(now_us)
 
     # -- one step -----------------------------------------------------------------------------
@@ -333,7 +331,7 @@ class Agent:
             self._heartbeats.send_if_due(plan, now_us)
 
     def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
-        mission, leased = self._context.mission, self._leased
+        mission = self._context.mission
         self._act_before_plan(now_us)
         if mission.has_own_conditions and self._context.facts.mission.per_robot.leaves:
             self._reports.contradict(now_us)
@@ -341,9 +339,8 @@ class Agent:
             return
         if not self._planner.is_current:
             self._planned_us = now_us
-        # Leases may have to be renewed while a plan is made elsewhere, which would change the
-        # facts.
-        apart = self._context.config.plans_apart and (leased is None or leased.leases.is_idle)
+        # While a plan is made elsewhere facts must not change, as promises may require.
+        apart = self._context.config.plans_apart and not self._parts.is_bound
         plan = self._planner.update(now_us, apart)
         if plan is None:
             return
@@ -358,20 +355,14 @@ class Agent:
                     return
         for perform in (self._executor.perform, *self._parts.perform):
             perform(plan, now_us)
-        if leased is not None:
-            leased.request()
 
     def _act_before_plan(self, now_us: int) -> None:
-        for follow in self._parts.follow:
-            follow(now_us)
         clock = self._job_clock if self._planner.decides else None
         passed = clock.passed(now_us) if clock is not None else []
         if passed:
             self._context.write(passed, now_us)
-        if self._leased is not None:
-            self._leased.check(now_us)
-        if self._begin_watch is not None:
-            self._begin_watch.check(now_us)
+        for follow in self._parts.follow:
+            follow(now_us)
 
     def _awaits_joining(self, now_us: int) -> bool:
         """True if it is too early for a plan because other robots are about to join.
@@ -445,14 +436,11 @@ class Agent:
         """Note that no full step is needed until something changes or a deadline passes."""
         context, planner = self._context, self._planner
         joining, done_us = context.joining, self._lifecycle.done_us
-        leases = None if self._leased is None else self._leased.leases
         starts_us = self._executor.starts_us
         deadlines_us = (
             planner.next_deadline_us(),
-            leases.next_deadline_us() if leases is not None else None,
             self._job_clock.next_deadline_us() if self._job_clock is not None else None,
             *(next_us(now_us) for next_us in self._parts.next_us),
-            self._begin_watch.next_us if self._begin_watch is not None else None,
             self._joining_until_us,
             self._plans_at_us,
             self._scheduler.settles_us if self._scheduler is not None else None,
@@ -470,7 +458,7 @@ class Agent:
         self._seen = None
         if self._executor.shows_outcome:
             return
-        if joining is None and (leases is None or leases.is_idle) and planner.is_current:
+        if joining is None and not self._parts.is_bound and planner.is_current:
             awaits_reports = starts_us is not None or planner.awaits_agreement
             is_ending = done_us is not None or planner.is_over
             self._reads_reports = awaits_reports or is_ending

@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.job_desk import job_rules
-from mrbt_mesh.core.agent.operator_desk import OperatorDesk, decision_rules, team_rules
+from mrbt_mesh.core.agent.operator_desk import OperatorDesk, team_rules
 from mrbt_mesh.core.agent.operator_messages import (
     CHECK_REVISION,
     FAULT,
@@ -60,7 +60,7 @@ class Commands:
             CHECK_REVISION: reviser.check,
             **{word: act for part in parts.all for word, act in part.words().items()},
         }
-        rules = {**team_rules(context), **decision_rules(context), **reviser.rules()}
+        rules = {**team_rules(context), **reviser.rules()}
         if context.facts.jobs is not None:
             rules |= job_rules(context)
         for part in parts.all:

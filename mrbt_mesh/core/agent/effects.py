@@ -86,7 +86,7 @@ class StartAction:
     partners: tuple[str, ...]
     performance: int
     incarnation: Incarnation
-    coalition: str = ""
+    party: str = ""
     travel_to: str = ""
     values: tuple[tuple[str, str], ...] = ()
 

@@ -1,21 +1,17 @@
 """T_Li at work: follows this robot's assignment, from the claim to the action.
 
 A robot starts once the team agrees. If the local task has a place elsewhere, it goes there first.
-The *start policy* of the global task decides what else it has to wait for: `PlainStart`: nothing;
-`CoalitionStart` (`coalition_start`): the other members; `LeasedStart` (`leased_start`): also the
-leases of a majority.
+The *start policy* of the task (`start_policy`) decides what else it has to wait for: nothing, or
+what a feature makes it wait for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.scheduler import Scheduler
+from mrbt_mesh.core.agent.start_policy import PLAIN_START, Clearance, Situation, StartPolicy
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
@@ -23,85 +19,30 @@ from mrbt_mesh.core.facts.records import Arguments, Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.validation import task_of_activation
 from mrbt_mesh.core.mission.jobs import place_at
-from mrbt_mesh.core.mission.mission import GlobalTask
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
-
-
-class Situation(NamedTuple):
-    """The input of a start policy. `is_grace_over`: the robot no longer waits for other robots."""
-
-    plan: Plan
-    assignment: RobotAssignment
-    claim: Claim
-    is_grace_over: bool
-    now_us: int
-
-
-class Clearance(NamedTuple):
-    """Permission to start: with this coalition, if any, after writing these facts."""
-
-    coalition: str = ""
-    facts: tuple[Fact, ...] = ()
-
-
-class PlainStart:
-    """Each robot starts as soon as the team agrees."""
-
-    @property
-    def needs_ready(self) -> bool:
-        """Whether a robot first writes that it is ready."""
-        return False
-
-    def note_ready(self, number: int) -> None:
-        """Note that the robot has promised, under this number, that it is ready."""
-
-    def clear(self, situation: Situation) -> Clearance | None:
-        """The clearance to start now; None if the robot has to wait."""
-        return Clearance()
-
-    def given_up(self, claim: Claim) -> list[Fact]:
-        """The facts to write when a claim is dropped without an outcome."""
-        return []
-
-
-class StartPolicies(NamedTuple):
-    """The start policies of the mission's tasks."""
-
-    plain: PlainStart
-    coalition: PlainStart
-    leased: PlainStart | None
-
-    def of(self, task: GlobalTask) -> PlainStart:
-        """The start policy of a global task."""
-        if task.exclusive and self.leased is not None:
-            return self.leased
-        return self.coalition if task.simultaneous else self.plain
+from mrbt_mesh.core.planning.plan import Plan
 
 
 class Executor:
     """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
-    `on_start`: called with each action that begins, and the time. `scheduler`: for a mission with
-    places. `shows_outcome`: T_Li was ticked with an outcome and must be ticked again.
+    `scheduler`: for a mission with places. `shows_outcome`: T_Li was ticked with an outcome and has
+    to be ticked again.
     """
 
     def __init__(
         self,
         context: Context,
         tree: RobotTree,
-        starts: StartPolicies,
         reviser: Reviser,
         parts: Parts,
     ) -> None:
         self._context = context
         self._reviser = reviser
-        self._starts = starts
         self._grace_us = context.config.timing.grace_us
         self.tree = tree
         self.shows_outcome = False
         self._parts = parts
-        self.on_start: Callable[[StartAction, int], None] = lambda *_: None
         self.scheduler: Scheduler | None = None
 
     def perform(self, plan: Plan, now_us: int) -> None:
@@ -128,7 +69,7 @@ class Executor:
             assert start is not None  # the plan has it
             if start.needs_ready and claim.phase is Phase.CLAIMED and not travel_to:
                 claim = work.get_ready(claim)
-                # The coalition's leader refers to this entry, even if the leader is this robot.
+                # Facts of others, or of this robot, may refer to this entry.
                 start.note_ready(context.promise([*writes, (records.CLAIM, claim)], now_us))
                 writes, is_news = [], False
             is_grace_over = now_us >= self._grace_ends_us
@@ -162,9 +103,7 @@ class Executor:
         return agreed or now_us >= self._grace_ends_us
 
     def _features_allow(self, claim: Claim, now_us: int) -> bool:
-        task = self._context.facts.task_of(claim.activation)
-        is_exclusive = task is not None and task.exclusive
-        return False not in [may(claim, is_exclusive, now_us) for may in self._parts.may_begin]
+        return False not in [may(claim, now_us) for may in self._parts.may_begin]
 
     @property
     def _grace_ends_us(self) -> int:
@@ -202,8 +141,7 @@ class Executor:
         value = context.description.performance(claim.local_task)
         assert value is not None
         life, partners = context.replica.incarnation, plan.partners(context.me)
-        coalition = clearance.coalition
-        start = work.start(claim, partners, value, life, now_us, coalition, travel_to)
+        start = work.start(claim, partners, value, life, now_us, clearance.party, travel_to)
         begun: list[Fact] = []
         if start.values and not context.facts.begun_with(start.activation):
             values = tuple(value for _, value in start.values)
@@ -213,7 +151,8 @@ class Executor:
             begun += self.scheduler.begins(plan, claim, bool(travel_to))
         context.write([*writes, *begun, *clearance.facts, context.claim()], now_us)
         context.emit(start)
-        self.on_start(start, now_us)
+        for started in self._parts.started:
+            started(start, now_us)
         names = start.called
         event, place = "local_task_started", {}
         if travel_to:
@@ -227,9 +166,11 @@ class Executor:
         start = self._start_of(claim)
         return start.given_up(claim) if start is not None else []
 
-    def _start_of(self, claim: Claim) -> PlainStart | None:
+    def _start_of(self, claim: Claim) -> StartPolicy | None:
         task = task_of_activation(parse_activation(claim.activation), self._context.mission)
-        return self._starts.of(task) if task is not None else None
+        if task is None or task.joint is None:
+            return PLAIN_START if task is not None else None
+        return self._parts.start_policy(task) or PLAIN_START
 
     def _type_of(self, local_task: str) -> str:
         types = self._context.mission.local_task_types

@@ -9,7 +9,6 @@ from functools import partial
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Publish
-from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
@@ -17,9 +16,8 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.dissemination import Judges, Urgent
-from mrbt_mesh.core.membership.leases import Request
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
-from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, MessageKind, SelfReport
+from mrbt_mesh.core.membership.wire import Heartbeat, MessageKind, SelfReport
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -31,13 +29,11 @@ class Heartbeats:
         context: Context,
         schedule: HeartbeatSchedule,
         tree: RobotTree,
-        leased: LeasedStart | None,
         parts: Parts,
     ) -> None:
         self._context = context
         self._schedule = schedule
         self._tree = tree
-        self._leased = leased
         self._shows_clock = context.mission.stops_in_time
         self._last: Urgent | None = None
         self._parts = parts
@@ -71,7 +67,6 @@ class Heartbeats:
 
     def _urgent(self, plan: Plan | None) -> Urgent:
         context = self._context
-        requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
         around = context.membership.around
         if around.newcomers:
@@ -82,18 +77,11 @@ class Heartbeats:
             context.membership.suspicions(),
             context.has_place,
             context.is_leaving,
-            requested,
-            tuple([(grant.coalition, grant.member) for grant in grants]),
+            self._parts.request(),
+            tuple([(answer.party, answer.robot) for answer in self._parts.answers()]),
             around.broadcast_generation,
             self._agrees(digest),
         )
-
-    def _lease_state(self) -> tuple[Request | None, tuple[LeaseGrant, ...]]:
-        """Return the lease that this robot requests, and those that it has granted."""
-        if self._leased is None:
-            return None, ()
-        leases = self._leased.leases
-        return leases.holder.requested, leases.grantor.grants()
 
     def _send(self, plan: Plan | None, urgent: Urgent, now_us: int, is_last: bool = False) -> None:
         context = self._context
@@ -103,11 +91,8 @@ class Heartbeats:
         is_regular_due = is_last or self._schedule.is_regular_due(now_us)
         plan_only = around.is_plan_only(urgent, is_regular_due)
         number = self._schedule.mark_sent(urgent, now_us, plan_only)
-        if self._leased is not None:
-            self._leased.heartbeat_sent(number, now_us)
         for sent in self._parts.sent:
             sent(number, now_us)
-        requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         waiting = None if plan is None else partial(who_waits, plan, context.facts)
         to, reports = around.route(urgent, number, plan_only, context.is_new, waiting)
@@ -125,8 +110,8 @@ class Heartbeats:
             context.work.progress,
             urgent.suspicions,
             relays,
-            requested,
-            grants,
+            self._parts.request(),
+            self._parts.answers(),
             around.members_digest(life),
             context.position,
             context.work.tree_statuses,

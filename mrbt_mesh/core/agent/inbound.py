@@ -18,9 +18,7 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
-from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.parts import Parts
-from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.envelope import RefusedError, StaleError
@@ -47,16 +45,12 @@ class Inbound:
     def __init__(
         self,
         context: Context,
-        planner: Planner,
-        leased: LeasedStart | None,
         duplicates: DuplicateIdCheck,
         schedule: HeartbeatSchedule,
         commands: Commands,
         parts: Parts,
     ) -> None:
         self._context = context
-        self._planner = planner
-        self._leased = leased
         self._duplicates = duplicates
         self._schedule = schedule
         self._commands = commands
@@ -135,12 +129,7 @@ class Inbound:
             if beat.steady_us is not None:
                 self._compare_clock(source, beat.report.incarnation.nonce, beat.steady_us, now_us)
             for heard in self._parts.heard:
-                heard(source, beat)
-            # A lease request repeats in every heartbeat. While a plan is made, facts must not
-            # change.
-            has_leases = beat.lease_request is not None or beat.lease_grants
-            if self._leased is not None and has_leases and self._planner.awaited is None:
-                self._leased.heartbeat_received(source, beat, now_us)
+                heard(source, beat, now_us)
             if beat.suspicions and membership.can_answer_probe(beat, mine):
                 self._schedule.speed_up(membership.present_count, now_us)
         if joining is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mrbt_mesh.core.agent.config import ResumedLife
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import DeclareToken
-from mrbt_mesh.core.agent.leased_start import LeasedStart
+from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
@@ -33,15 +33,15 @@ class Lifecycle:
         self,
         context: Context,
         planner: Planner,
-        leased: LeasedStart | None,
         duplicates: DuplicateIdCheck,
         schedule: HeartbeatSchedule,
+        parts: Parts,
     ) -> None:
         self._context = context
         self._planner = planner
-        self._leased = leased
         self._duplicates = duplicates
         self._schedule = schedule
+        self._parts = parts
         self.done_us: int | None = None
         self.stops_us: int | None = None
 
@@ -61,8 +61,8 @@ class Lifecycle:
                 claim, life.assignment, life.partners, incarnation, now_us, travel_to
             )
         )
-        if self._leased is not None:
-            self._leased.resume(now_us)
+        for resume in self._parts.resume:
+            resume(now_us)
 
     # -- pauses -------------------------------------------------------------------------------
 
@@ -113,8 +113,7 @@ class Lifecycle:
         """
         work = self._context.work
         has_begun = work.claim is not None and work.claim.phase is not Phase.CLAIMED
-        has_leases = self._leased is not None and not self._leased.leases.is_idle
-        return not has_begun and work.action is None and not has_leases
+        return not has_begun and work.action is None and not self._parts.is_bound
 
     def join_above(self, later: Incarnation, now_us: int) -> None:
         """Join once more, above a later incarnation of this robot, which started again without
@@ -183,8 +182,9 @@ class Lifecycle:
         others = context.mission.robots.keys() - {context.me}
         is_known = bool(context.facts.map.of_author(context.me))
         peers, digest = context.membership.peers, context.facts.map.digest()
-        if self._leased is not None and not is_known and joining.has_all_of(others, peers, digest):
-            self._leased.leases.grantor.end_silence()
+        if not is_known and joining.has_all_of(others, peers, digest):
+            for first_life in self._parts.first_life:
+                first_life()
         context.work.is_between |= context.facts.map.get(context.me, records.CLAIM) is not None
         incarnation = context.replica.next_incarnation(self._duplicates.other_incarnation.counter)
         context.emit(DeclareToken(incarnation))

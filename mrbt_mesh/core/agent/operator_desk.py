@@ -17,10 +17,8 @@ from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Persist, Publish
 from mrbt_mesh.core.agent.operator_messages import (
-    CONFLICT,
     CONTENDED,
     INVALID,
-    UNKNOWN,
     CommandStep,
     command_version,
 )
@@ -199,34 +197,3 @@ def team_rules(context: Context) -> Rules:
     """The rules of commands to the whole team."""
     order = FieldRule(lambda _: {"order": str(context.facts.order())})
     return {records.PAUSED: order, records.ABORTED: order}
-
-
-def decision_rules(context: Context) -> Rules:
-    """The rule of decisions about exclusive tasks in doubt."""
-    facts = context.facts
-
-    def decided(subject: str) -> dict[str, Any]:
-        held = facts.map.get(OPERATORS, f"{records.DECISION}/{subject}")
-        command = held.record if held is not None else None
-        if not isinstance(command, OperatorCommand):
-            return {"decision": ""}
-        return {"decision": str(command.value), "by": command.operator}
-
-    def known(entry: Entry) -> bool:
-        held = facts.map.get(OPERATORS, entry.name)
-        if held is None:
-            return False
-        found, wanted = held.record, entry.record
-        assert isinstance(found, OperatorCommand)
-        assert isinstance(wanted, OperatorCommand)
-        if found.value != wanted.value:
-            raise RefusalError(f"{found.operator} has decided already: {found.value}", CONFLICT)
-        return True
-
-    def check(entry: Entry, _: int) -> None:
-        activation, coalition = entry.parts[1:]
-        doubted = facts.coalitions(activation).in_doubt(facts.grantors)
-        if coalition not in map(str, doubted):
-            raise RefusalError(f"{activation} is not in doubt (any more)", UNKNOWN)
-
-    return {records.DECISION: FieldRule(decided, check, known)}

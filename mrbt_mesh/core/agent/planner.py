@@ -15,8 +15,6 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.robot_tree import AssignmentValues, RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import newly_broken
-from mrbt_mesh.core.facts.records import LATCH
 from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.derived_facts import DerivedFacts
@@ -271,7 +269,7 @@ class Planner:
                 latched.append((f"{records.JOB_ARCHIVE}/{archive[0]}", archive[1]))
         for request in evaluation.requests:
             task, activation = facts.mission.global_tasks[request.subject], request.activation
-            if task.by_coalition:
-                broken = newly_broken(facts, task, activation, alive, self._context.me)
-                latched += [(f"{records.BROKEN}/{activation}/{token}", LATCH) for token in broken]
+            if task.joint is not None:
+                me = self._context.me
+                latched += task.joint.latches(facts, task, activation, alive, me)
         return latched

@@ -55,8 +55,8 @@ class Reports:
             context.log("info", "returned", success=event.success, error=event.error)
             return
         name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
-        if action.coalition:
-            name += f"/{action.coalition}"
+        if action.party:
+            name += f"/{action.party}"
         reason = "" if event.success else one_line(event.reason)
         facts: list[Fact] = [(name, Outcome(event.success, None, reason))]
         names = {"global_task": action.global_task, "local_task": action.local_task}
@@ -81,7 +81,8 @@ class Reports:
         """Process the end of a way: the place was reached or not. Returns True if no outcome
         follows.
 
-        If it was not reached, a member of a coalition that has not formed yet loses the capability.
+        If it was not reached, and robots do the task jointly, the robot loses the capability: no
+        outcome is possible before they have begun.
         """
         context, work = self._context, self._context.work
         names = {"local_task": action.local_task, "place": action.travel_to}
@@ -94,7 +95,7 @@ class Reports:
             work.stopped(action.ticket)
             return True
         task = context.facts.task_of(action.activation)
-        if task is None or not task.by_coalition:
+        if task is None or task.joint is None:
             return False
         work.finish(action.ticket, success=False)
         context.write([context.claim()], now_us)

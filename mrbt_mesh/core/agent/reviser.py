@@ -27,7 +27,7 @@ from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.failure_reasons import one_line
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission, majority
 from mrbt_mesh.core.mission.planner_need import planner_problem
 from mrbt_mesh.core.planning.objections import objections
 from mrbt_mesh.core.planning.revised import revision_changes
@@ -155,13 +155,13 @@ class Reviser:
             context.write([(f"{records.MISSION_ADOPTED}/{number}", adopted)], now_us)
 
     def _may_adopt(self, alive: Collection[str]) -> bool:
-        """True if enough robots are alive. Leases need a majority of the robots that the mission
-        names, so no majority may be left behind that could grant one under the previous mission.
+        """True if enough robots are alive. For a task that is done at most once, no majority may be
+        left behind that could begin it under the previous mission.
         """
         mission = self._context.mission
-        is_exclusive = any(task.exclusive for task in mission.all_tasks())
-        return not is_exclusive or 2 * len(mission.robot_ids.intersection(alive)) > len(
-            mission.robots
+        named = mission.robot_ids
+        return not mission.has_tasks_at_most_once or len(named.intersection(alive)) >= majority(
+            named
         )
 
     def _problem(self, proposed: ProposedMission, mission: Mission) -> str | None:
@@ -176,7 +176,7 @@ class Reviser:
             changes,
             alive,
             is_forced=proposed.is_forced,
-            repeats_exclusive=proposed.repeats_exclusive,
+            may_repeat=proposed.may_repeat,
         )
         if reasons:
             return reasons[0]

@@ -98,7 +98,7 @@ class Work:
         performance: int,
         incarnation: Incarnation,
         now_us: int,
-        coalition: str = "",
+        party: str = "",
         travel_to: str = "",
     ) -> StartAction:
         """Begin the action of the claim, or the way to its place."""
@@ -109,10 +109,10 @@ class Work:
         names = claim.activation, claim.global_task, claim.local_task
         phase = Phase.TRAVELLING if travel_to else Phase.RUNNING
         self.is_between = self.is_between or bool(travel_to)
-        self.claim = replace(claim, phase=phase, coalition=coalition)
+        self.claim = replace(claim, phase=phase, party=party)
         values = self.assignment.values if self.assignment is not None else ()
         self.action = StartAction(
-            self._tickets, *names, partners, performance, incarnation, coalition, travel_to, values
+            self._tickets, *names, partners, performance, incarnation, party, travel_to, values
         )
         return self.action
 
@@ -165,7 +165,7 @@ class Work:
                 self.assignment, value = assignment, assignment.performance
         if claim is None or not (travel_to or claim.phase is Phase.RUNNING):
             return []
-        names = claim.coalition, travel_to
+        names = claim.party, travel_to
         return [self.start(claim, partners, value, incarnation, now_us, *names)]
 
     def progressed(self, number: int, percent: int) -> None:

@@ -8,7 +8,6 @@ Where to find a rule:
 - how the team reads a condition, how often a guard has changed its value: `conditions`
 - what is read in the tick in which an action returns: `bt.evaluation`
 - when a global task has succeeded or failed, under each failure policy: `task_status`
-- which coalition is at work, which is broken or in doubt: `coalitions`
 - what is known of one activation: `activation_facts`
 - how a robot describes itself, including its losses and present performances: `description`
 - jobs: `jobs`; revisions of the mission: `revisions`; facts that follow from others: `derived`

@@ -1,4 +1,4 @@
-"""What entries mean: member, claim, outcome, coalition, condition, job; and their limits.
+"""What entries mean: member, claim, outcome, condition, job; and their limits.
 
 Values come from the network: a parser accepts exactly its kind and raises ValueError, and no other
 exception, for anything else.
@@ -65,16 +65,6 @@ def _read_capabilities(value: Any) -> dict[str, int]:
     if not isinstance(value, dict) or len(value) > MAX_CAPABILITIES:
         raise ValueError("capabilities: a map expected")
     return {read_text(k): read_integer(v, 1, MAX_PERFORMANCE) for k, v in value.items()}
-
-
-def _read_members(value: Any) -> tuple[CoalitionMember, ...]:
-    if not isinstance(value, list) or not 0 < len(value) <= MAX_ROBOTS:
-        raise ValueError(f"a list of members expected, found {shown(value)}")
-    return tuple(map(CoalitionMember.parse, value))
-
-
-def _write_members(members: tuple[CoalitionMember, ...]) -> list[Any]:
-    return [member.to_value() for member in members]
 
 
 def _read_steps(value: Any) -> tuple[ProposedStep, ...]:
@@ -243,7 +233,7 @@ class Member(Record):
 
 class Phase(enum.IntEnum):
     """How far a claim has come. `TRAVELLING`: on its way to the place of its local task. `READY`:
-    may start as soon as its coalition does.
+    may start as soon as its party does.
     """
 
     CLAIMED = 1
@@ -259,7 +249,7 @@ _Phase: TypeAlias = Annotated[Phase, Plain(lambda value: Phase(read_integer(valu
 class Claim(Record):
     """The one activation that a robot works on. `since`: a Lamport stamp.
 
-    `coalition`: the id of the coalition that it runs with, if its task has coalitions. `place`:
+    `party`: the name of those with whom it runs its task jointly; empty if it does not. `place`:
     where the robot is, or where it has set out from; empty in a mission without places.
     """
 
@@ -268,7 +258,7 @@ class Claim(Record):
     local_task: str
     phase: _Phase
     since: int
-    coalition: str = ""
+    party: str = ""
     place: str = ""
 
     def to_value(self) -> list[Any]:
@@ -355,54 +345,6 @@ class TravelTimes(Record):
         return found
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class CoalitionId:
-    """Identifies a coalition by its leader, the leader's incarnation, and the leader's claim.
-
-    `since`: the stamp of that claim. The order is the canonical one of claims.
-    """
-
-    since: int
-    leader: str
-    counter: int
-    nonce: str
-
-    def __str__(self) -> str:
-        return f"{self.leader}.{self.counter}.{self.nonce}.{self.since}"
-
-    @staticmethod
-    def parse(text: str) -> CoalitionId:
-        leader, counter, nonce, since = read_text(text).split(".")
-        token = CoalitionId(read_integer(int(since)), leader, read_integer(int(counter)), nonce)
-        if str(token) != text:
-            raise ValueError(f"no coalition has the name {shown(text)}")
-        return token
-
-
-@dataclass(frozen=True, slots=True)
-class CoalitionMember(Record):
-    """A robot that starts with a coalition, and the claim with which it was ready.
-
-    (`counter`, `nonce`, `sequence`) is the version of the claim's entry.
-    """
-
-    robot: str
-    local_task: str
-    counter: int
-    nonce: str
-    sequence: int
-    since: int
-
-
-@dataclass(frozen=True, slots=True)
-class Coalition(Record):
-    """The robots that start one activation together, as written down by their leader."""
-
-    members: Annotated[tuple[CoalitionMember, ...], Plain(_read_members, _write_members)]
-
-    write_once: ClassVar[bool] = True
-
-
 @dataclass(frozen=True, slots=True)
 class Outcome(Record):
     """How the author ended one local task of one activation. Success wins. `reason`: of a failure,
@@ -482,14 +424,6 @@ class Hold(enum.StrEnum):
     RELEASED = "released"
     HELD = "held"
     NOW = "now"
-
-
-class Decision(enum.StrEnum):
-    """An operator's decision on a coalition that has left an exclusive task in doubt."""
-
-    DONE = "done"
-    FAILED = "failed"
-    RETRY = "retry"
 
 
 @dataclass(frozen=True, slots=True)
@@ -644,13 +578,13 @@ class JobArchive(Record):
 @dataclass(frozen=True, slots=True)
 class ProposedMission(Record):
     """A revision of the mission. `text`: the compiled mission. `is_forced`: apply it even if that
-    cancels work or robots leave. `repeats_exclusive`: apply it even if exclusive tasks that were
-    begun are begun again (`planning.objections`).
+    cancels work or robots leave. `may_repeat`: apply it even if tasks that are done at most once,
+    and were begun, are begun again (`planning.objections`).
     """
 
     text: Annotated[str, Plain(partial(read_document, limit=MAX_MISSION))]
     is_forced: bool
-    repeats_exclusive: bool
+    may_repeat: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -747,7 +681,7 @@ class AdoptedMission(Record):
 
 @dataclass(frozen=True, slots=True)
 class Latch(Record):
-    """Something that stays true once written: a latched failure, a grant, a broken coalition."""
+    """Something that stays true once written, such as a latched failure."""
 
     write_once: ClassVar[bool] = True
 
@@ -765,10 +699,9 @@ LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 
 # The author of what operators command; not a robot id.
 OPERATORS = "@operators"
-# Fields of commands; features have more. For the team: PAUSED, ABORTED. By activation and
-# coalition: DECISION. By job id: JOB (submitted), JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED. By
-# revision number: MISSION (proposed), MISSION_WITHDRAWN.
-PAUSED, ABORTED, DECISION = "paused", "aborted", "decision"
+# Fields of commands; features have more. For the team: PAUSED, ABORTED. By job id: JOB (submitted),
+# JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED. By revision number: MISSION (proposed), MISSION_WITHDRAWN.
+PAUSED, ABORTED = "paused", "aborted"
 JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED = "job", "job_hold", "job_priority", "job_cancelled"
 MISSION, MISSION_WITHDRAWN = "mission", "mission_withdrawn"
 MEMBER, CLAIM, RESULT = "member", "claim", "result"
@@ -777,10 +710,6 @@ OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
 LATCHED_FAILURE, EXPIRED = "latched_failure", "expired"
 # An expression of conditions that is a guard.
 EXPRESSION = "expression"
-# About one coalition of one activation, by its id. BROKEN: too few members are left. GRANT: the
-# author has granted it a lease of an exclusive task. DOUBT: that lease has expired, and nobody
-# knows how far the work got. CLEARED: its leader says that it never began.
-COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
 # The blackboard values with which an activation began.
 ARGUMENTS = "arguments"
 # A child of a node with memory has ended: scope of the node, position of the child.
@@ -802,16 +731,18 @@ SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
 OVERTAKEN, TEAM_TIME = "overtaken", "team_time"
 # A revision of the mission is in force, by number; which one the author holds.
 MISSION_ADOPTED, MISSION_HELD = "mission_adopted", "mission_held"
-COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED, DECISION})
-EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DECISION})
 MISSION_KINDS = frozenset({MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED, MISSION_HELD})
+
+
+def _command_type(is_once: bool) -> type[OperatorCommand]:
+    return FirstCommand if is_once else OperatorCommand
+
 
 # Fields of commands -> how a value is read, and how many parts a name has. `_ONCE`: commanded once,
 # the first command counts. `_AGAIN`: the newest command counts.
 _ONCE: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     JOB: (Job.parse, 2),
     MISSION: (ProposedMission.parse, 2),
-    DECISION: (Decision, 3),
 }
 _AGAIN: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     PAUSED: (_read_team_order, 1),
@@ -822,7 +753,7 @@ _AGAIN: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     MISSION_WITHDRAWN: (_read_true, 2),
 }
 # Kind -> its parser, and the numbers of parts that a name may have: kind / condition, scope or
-# activation / local task, coalition or position / coalition
+# activation / local task or position / party
 _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     MEMBER: (Member.parse, (1,)),
     CLAIM: (parse_claim, (1,)),
@@ -833,7 +764,6 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     ATTEMPT: (Attempt.parse, (2,)),
     ARGUMENTS: (Arguments.parse, (2,)),
     CHILD_RESULT: (ChildResult.parse, (3,)),
-    COALITION: (Coalition.parse, (3,)),
     PROBLEM: (RobotProblem.parse, (2,)),
     SCHEDULE: (Proposal.parse, (1,)),
     JOB_END: (JobEnd.parse, (2,)),
@@ -852,9 +782,8 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
         for field, (read, count) in _AGAIN.items()
     },
     **dict.fromkeys((LATCHED_FAILURE, EXPIRED, JOB_DUE), (Latch.parse, (2,))),
-    **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED), (Latch.parse, (3,))),
     **{
-        field: (partial(OperatorCommand.read, known.read), (known.parts,))
+        field: (partial(_command_type(known.once).read, known.read), (known.parts,))
         for feature in features()
         for field, known in feature.commands.items()
     },

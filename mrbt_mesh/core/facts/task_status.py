@@ -14,16 +14,14 @@ from typing import Protocol
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
-from mrbt_mesh.core.facts.coalitions import Coalitions
-from mrbt_mesh.core.facts.records import Decision
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy, Need
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need
 
 
 class TeamMembers(Protocol):
     """What a task's failure depends on besides the outcomes."""
 
     @property
-    def grantors(self) -> frozenset[str]: ...
+    def declared(self) -> Mission: ...
     def robots_with(self, local_task: str) -> Collection[str]:
         """All known robots with the capability, including dead robots and robots that lost it."""
         ...
@@ -39,35 +37,32 @@ def task_status(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> S
     Success takes precedence over failure, so a late success still counts, even after a latched
     failure. An operator's decision and a latched failure count like outcomes.
     """
-    if said.is_decided(Decision.DONE) or has_succeeded(task, said):
+    if has_succeeded(task, said):
         return Status.SUCCESS
-    is_failed = said.has_latched_failure or said.is_decided(Decision.FAILED)
-    if is_failed or has_failed(task, said, team):
+    if said.has_latched_failure or has_failed(task, said, team):
         return Status.FAILURE
     return Status.RUNNING
 
 
 def has_succeeded(task: GlobalTask, said: ActivationFacts) -> bool:
-    """True if each local task has at least nu successes, of the same coalition if there are any."""
-    if said.coalitions is not None:
-        return any(_are_enough(task, found) for found in said.coalitions.outcomes.values())
-    return bool(said.outcomes) and _are_enough(task, said.outcomes)
+    """True if each local task has at least nu successes, of the same party if there are any."""
+    if said.joint is not None:
+        return said.joint.has_succeeded(task)
+    return bool(said.outcomes) and are_enough(task, said.outcomes)
 
 
-def _are_enough(task: GlobalTask, outcomes: Mapping[str, Mapping[str, bool]]) -> bool:
+def are_enough(task: GlobalTask, outcomes: Mapping[str, Mapping[str, bool]]) -> bool:
+    """True if each local task has at least nu of these successes."""
     return all(
         sum(outcomes.get(need.local_task, {}).values()) >= need.min_robots for need in task.needs
     )
 
 
 def has_failed(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> bool:
-    """True if one need has failed, or the activation is in doubt and the mission fails it then."""
-    coalitions = said.coalitions
-    if coalitions is None:
-        return any(_need_failed(task, need, said, team) for need in task.needs)
-    if task.in_doubt is InDoubtPolicy.FAIL and coalitions.in_doubt(team.grantors):
-        return True
-    return any(_coalitions_failed(task, need, coalitions, team) for need in task.needs)
+    """True if one need has failed."""
+    if said.joint is not None:
+        return said.joint.has_failed(task, team)
+    return any(_need_failed(task, need, said, team) for need in task.needs)
 
 
 def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: TeamMembers) -> bool:
@@ -88,25 +83,3 @@ def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: Team
     successes = len(results) - failures
     may_try = sum(robot not in results for robot in team.robots_with(need.local_task))
     return successes + may_try < need.min_robots
-
-
-def _coalitions_failed(
-    task: GlobalTask, need: Need, coalitions: Coalitions, team: TeamMembers
-) -> bool:
-    """True if a robot has failed and the failure policy counts that as a failure of the need.
-
-    - `first`: nu is above 0;
-    - `paper`: in one coalition the failures exceed its members - nu;
-    - others: fewer than nu robots, dead or not, have not failed in any coalition.
-    """
-    failed = coalitions.failed_robots(need.local_task)
-    if not failed or task.failure is FailurePolicy.FIRST:
-        return bool(failed) and need.min_robots > 0
-    if task.failure is not FailurePolicy.PAPER:
-        return len(set(team.robots_with(need.local_task)) - failed) < need.min_robots
-    for coalition, members in coalitions.members.items():
-        there = [member for member in members if member.local_task == need.local_task]
-        ends = [coalitions.outcome(coalition, member) for member in there]
-        if ends.count(False) > len(ends) - need.min_robots:
-            return True
-    return False

@@ -15,13 +15,11 @@ from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts, Outcomes
-from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
 from mrbt_mesh.core.facts.jobs import Jobs, guard_number, job_of
 from mrbt_mesh.core.facts.records import (
     Attempt,
     Claim,
-    CoalitionId,
     ConditionValue,
     ExpressionRevision,
     JobArchive,
@@ -45,7 +43,7 @@ from mrbt_mesh.core.facts.stamps import Counts, Stamps
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed, task_of_activation
-from mrbt_mesh.core.feature import Index, features
+from mrbt_mesh.core.feature import Index, JointFacts, features
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import OpenJob, place_at, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
@@ -369,11 +367,6 @@ class TeamFacts:
         entries = [self.map.get(*key) for key in keys if key[1].startswith(records.ATTEMPT)]
         return {e.author: e.record.number for e in entries if e and isinstance(e.record, Attempt)}
 
-    @property
-    def grantors(self) -> frozenset[str]:
-        """The robots whose majority leases an exclusive task: all that the mission names."""
-        return self.declared.robot_ids
-
     def order(self) -> TeamOrder:
         """The operators' standing order: abort if it was ever given, else the newest order; RESUME
         if there is none.
@@ -438,40 +431,26 @@ class TeamFacts:
         return self._said(activation).has_latched_failure
 
     def outcomes(self, activation: str) -> Outcomes:
-        """Local task -> robot -> success, for a task without coalitions.
+        """Local task -> robot -> success, for a task whose robots work each on its own.
 
         Returns the same object until an outcome changes.
         """
         return self._said(activation).outcomes
 
     def results(self, activation: str, local_task: str) -> Mapping[str, bool]:
-        """Robot -> success, for the outcomes of one local task that count now.
-
-        With coalitions, these are the failures in all of them and the successes in the first one
-        that has not ended.
-        """
+        """Robot -> success, for the outcomes of one local task that count now."""
         said = self._said(activation)
-        if said.coalitions is None:
+        if said.joint is None:
             return said.outcomes.get(local_task, {})
-        found = said.coalitions
-        unended = found.unended(self.grantors)
-        ends = found.outcomes.get(unended[0], {}) if unended else {}
-        return dict.fromkeys(found.failed_robots(local_task), False) | {
-            robot: True for robot, success in ends.get(local_task, {}).items() if success
-        }
+        return said.joint.results(local_task, self)
 
     def has_outcome(self, activation: str) -> bool:
         """True if some robot has an outcome in this activation."""
         return self._said(activation).has_outcome
 
-    def coalitions(self, activation: str) -> Coalitions:
-        """What is known of the coalitions of one activation."""
-        return self._said(activation).coalitions or Coalitions()
-
-    def granted(self) -> list[tuple[str, Coalitions]]:
-        """The activations for which some robot has granted a lease, sorted by name."""
-        said = ((name, each.coalitions) for name, each in self.activations.items())
-        return sorted((name, found) for name, found in said if found is not None and found.grants)
+    def joint(self, activation: str) -> JointFacts | None:
+        """What is known of the parties to an activation; None: nothing."""
+        return self._said(activation).joint
 
     # -- what may be dropped ------------------------------------------------------------------
 
@@ -695,8 +674,7 @@ class TeamFacts:
             index.add(entry)
         self.outcome_changes += kind == records.OUTCOME
         self._note_result(said, entry, is_known=True)
-        if kind in records.COALITION_KINDS:
-            self._stamps.see(entry.author, CoalitionId.parse(entry.parts[2]).since)
+        self._stamps.see(entry.author, said.stamp_of(entry))
 
     def _note_result(self, said: ActivationFacts, entry: Entry, is_known: bool) -> None:
         job, kind = said.activation.job, entry.parts[0]

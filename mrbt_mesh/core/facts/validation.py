@@ -10,20 +10,19 @@ until a revision has a place for it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Iterable
+from collections.abc import Container, Iterable
 from dataclasses import replace
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.activation_facts import OF_PARTIES
 from mrbt_mesh.core.facts.conditions import expression_value
 from mrbt_mesh.core.facts.jobs import job_in_guard
 from mrbt_mesh.core.facts.records import (
     Arguments,
     Attempt,
     Claim,
-    Coalition,
-    CoalitionId,
     ConditionValue,
     ExpressionRevision,
     Job,
@@ -59,10 +58,9 @@ ACTIVATION_KINDS = {
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
     records.CHILD_RESULT: CONTROLS,
     records.ARGUMENTS: frozenset({Kind.ACTION}),
-    **dict.fromkeys(sorted(records.COALITION_KINDS), frozenset({Kind.ACTION})),
-    **{kind: frozenset({Kind.ACTION}) for feature in features() for kind in feature.kinds},
+    **{kind: frozenset({Kind.ACTION}) for each in features() for kind in each.activation_kinds()},
 }
-_FEATURE_OF = {kind: feature for feature in features() for kind in feature.kinds}
+_FEATURE_OF = {kind: feature for feature in features() for kind in feature.activation_kinds()}
 
 
 def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
@@ -108,8 +106,8 @@ def _refuse_in_any_mission(entry: Entry, parts: tuple[str, ...], run: str) -> st
     """Why no mission of this run can have a place for this entry."""
     if parts[0] in ACTIVATION_KINDS:
         reason = _refuse_text(parts[1], run)
-        if reason is None and parts[0] in records.COALITION_KINDS:
-            return _refuse_coalition(parts[-1])
+        if reason is None and parts[0] in _FEATURE_OF:
+            return _FEATURE_OF[parts[0]].malformed(entry) or None
         return reason
     if parts[0] == records.JOB_ARCHIVE:
         return _refuse_archive(parts[1])
@@ -387,38 +385,14 @@ def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> s
     if kind == records.OUTCOME:
         if names[1] not in local_tasks:
             return f"{task.id!r} needs no {names[1]!r:.80}"
-        if (len(names) == 3) != task.by_coalition:
-            return f"{task.id!r}: an outcome names a coalition if the task has any"
-    elif kind in _FEATURE_OF:
+        if (len(names) == 3) != (task.joint is not None):
+            return f"{task.id!r}: an outcome names a party if robots do the task jointly"
+        return _malformed_party(entry) if task.joint is not None else None
+    if kind in _FEATURE_OF:
         return _FEATURE_OF[kind].refuses(entry, task) or None
-    elif kind in records.EXCLUSIVE_KINDS and not task.exclusive:
-        return f"{task.id!r} is not exclusive"
-    elif kind in records.COALITION_KINDS and not task.by_coalition:
-        return f"{task.id!r} has no coalitions"
-    if kind not in records.COALITION_KINDS and len(names) != 3:
-        return None
-    if (reason := _refuse_coalition(names[-1])) is not None:
-        return reason
-    coalition = CoalitionId.parse(names[-1])
-    return _refuse_of_coalition(entry, kind, coalition, local_tasks)
-
-
-def _refuse_of_coalition(
-    entry: Entry, kind: str, coalition: CoalitionId, local_tasks: Collection[str]
-) -> str | None:
-    """Check that the leader writes who is in its coalition and that it never began."""
-    is_leaders = kind in (records.COALITION, records.CLEARED)
-    if is_leaders and entry.author != coalition.leader:
-        return f"{str(coalition)!r:.80}: {kind} is for {coalition.leader} to write"
-    if isinstance(entry.record, Coalition):
-        others = [m.local_task for m in entry.record.members if m.local_task not in local_tasks]
-        return f"{str(coalition)!r:.80}: {others[0]!r:.80} is not needed" if others else None
     return None
 
 
-def _refuse_coalition(text: str) -> str | None:
-    try:
-        CoalitionId.parse(text)
-    except ValueError:
-        return f"{text!r:.80} names no coalition"
-    return None
+def _malformed_party(outcome: Entry) -> str | None:
+    assert OF_PARTIES is not None
+    return OF_PARTIES.malformed(outcome) or None

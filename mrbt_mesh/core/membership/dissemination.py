@@ -37,8 +37,8 @@ class Urgent(NamedTuple):
     suspicions: tuple[Suspicion, ...]
     is_joined: bool
     is_leaving: bool
-    sought: tuple[str, str] | None
-    granted: tuple[tuple[str, str], ...]
+    request: tuple[str, str] | None
+    answered: tuple[tuple[str, str], ...]
     broadcast: int
     is_agreed: bool
 

@@ -1,11 +1,10 @@
 """What other robots' clocks reveal about this robot's own: whether it stood still for a time.
 
 A virtual machine that is paused, copied or moved stops with all its clocks. The robot in it cannot
-notice that by itself, but what it measures by its clock (its leases, its contact) has gone on for
-others. So heartbeats carry their sender's steady clock. Its offset from this robot's clock when the
-heartbeat arrives hardly changes; it is reduced by the message's delay. If the offset jumps ahead,
-that time has passed for the sender but not here, and whatever the sender answered before is older
-by that amount.
+notice that by itself, but what it measures by its clock has gone on for others. So heartbeats carry
+their sender's steady clock. Its offset from this robot's clock when the heartbeat arrives hardly
+changes; it is reduced by the message's delay. If the offset jumps ahead, that time has passed for
+the sender but not here, and whatever the sender answered before is older by that amount.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from __future__ import annotations
 from mrbt_mesh.core.membership.timing import Timing
 
 # The fractions 1/n of elapsed time by which a clock may fall behind this robot's, and get ahead,
-# without a jump: the drift of computer clocks, and the most that leases allow.
+# without a jump: the drift of computer clocks, and the most that promises allow.
 FALLS_BEHIND, GETS_AHEAD = 1_000, 3
 # The number of jumps of one clock that are kept apart.
 MAX_JUMPS = 16
@@ -22,12 +21,12 @@ MAX_JUMPS = 16
 class PeerClocks:
     """The clocks of the other robots, as their heartbeats show them. `changes` counts jumps.
 
-    A jump is at least half of the time by which a lease outlasts its holder's own count.
+    A jump is at least half of the time by which a promise outlasts the count of who has it.
     """
 
     def __init__(self, timing: Timing) -> None:
         self.changes = 0
-        self._least_us = (timing.lease_us - timing.hold_us) // 2
+        self._least_us = (timing.promise_us - timing.hold_us) // 2
         # Robot -> (its process, how far its clock is ahead, when it was last heard).
         self._known: dict[str, tuple[str, int, int]] = {}
         # Robot -> for each jump, (when it was found, how far the clock jumped ahead).

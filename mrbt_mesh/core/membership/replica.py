@@ -295,7 +295,7 @@ class Replica:
     def answer_pull(
         self, data: bytes, view: Callable[[bytes], Mapping[str, SelfReport]] | None = None
     ) -> tuple[bytes, ...]:
-        """Answer a pull: all entries of every author whose digest differs. If the asker sent
+        """RequestAnswer a pull: all entries of every author whose digest differs. If the asker sent
         digests of the author's parts, only those of differing parts.
 
         The answer comes in pages far below the size limit of a message; a batch is never split.

@@ -422,7 +422,7 @@ class RingDissemination(Dissemination):
         elif self._regular_due or self.now_us <= self._repeats_until_us:
             self._regular_due = False
             return False
-        is_for_all = urgent.sought is not None or urgent.broadcast != self._sent_broadcast
+        is_for_all = urgent.request is not None or urgent.broadcast != self._sent_broadcast
         return self._has_plan_only and not is_for_all and not is_regular_due
 
     def route(
@@ -432,8 +432,8 @@ class RingDissemination(Dissemination):
         self._follow()
         judges = self._ring.neighbours
         found, relays = self._plans.of_heartbeat(urgent, number, waiting, judges, now_us)
-        has_sought = last is not None and last.sought is not None
-        is_to_all = last is None or has_sought or urgent.sought is not None
+        has_sought = last is not None and last.request is not None
+        is_to_all = last is None or has_sought or urgent.request is not None
         is_to_all |= last is not None and last.is_leaving is not urgent.is_leaving
         if urgent.broadcast != self._sent_broadcast and now_us >= self._next_broadcast_us:
             # At most once per period: a team in trouble must not be loaded further.
@@ -441,7 +441,7 @@ class RingDissemination(Dissemination):
             self._next_broadcast_us = now_us + self._timing.heartbeat_us
             # If others declare a newcomer dead, they mean an earlier incarnation.
             is_to_all |= not is_new
-        found.update(member for _, member in urgent.granted)
+        found.update(member for _, member in urgent.answered)
         if plan_only:
             return Route(tuple(sorted(found - {self.me})), relays)
         near = self._near_recipients(number, is_new)

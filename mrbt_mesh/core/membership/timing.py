@@ -130,21 +130,21 @@ class Timing:
         return self.detection_us // 2
 
     @property
-    def lease_us(self) -> int:
-        """The lease of an exclusive task runs out this long after its last renewal arrived."""
+    def promise_us(self) -> int:
+        """A promise for a limited time ends this long after the last request for it arrived."""
         return 3 * self.detection_us
 
     @property
     def hold_us(self) -> int:
-        """The holder counts on a lease for this long after it sent the request.
+        """Who has such a promise counts on it for this long after it sent the request.
 
-        Shorter than the lease, by more than the two clocks may drift apart in that time.
+        That is shorter, by more than the two clocks may drift apart in that time.
         """
-        return self.lease_us * 3 // 4
+        return self.promise_us * 3 // 4
 
     @property
     def news_us(self) -> int:
-        """An exclusive task's program continues for this long without news of a majority."""
+        """A program that needs the promises of a majority goes on for this long without news."""
         return max(self.detection_us // 2, self.heartbeat_us * 5 // 2)
 
     def repeat_offsets_us(self) -> tuple[int, ...]:

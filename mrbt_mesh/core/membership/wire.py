@@ -138,12 +138,16 @@ class RecordingHead:
     check: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class LeaseGrant:
-    """The sender's answer to heartbeat `number` of `member`: this coalition has its lease."""
+# What a robot requests of others: an activation, and the party that it requests it for.
+Request: TypeAlias = tuple[str, str]
 
-    coalition: str
-    member: str
+
+@dataclass(frozen=True, slots=True)
+class RequestAnswer:
+    """The sender grants what heartbeat `number` of `robot` requests for this party."""
+
+    party: str
+    robot: str
     number: int
 
 
@@ -151,14 +155,14 @@ class LeaseGrant:
 class Heartbeat:
     """One heartbeat. `statuses`: of T_i, T_A, T_G and T_Li; `progress`: in percent.
 
-    `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
-    and the coalition id for which the sender needs leases. `members_digest`: of the robots that the
-    sender counts on. `position`: as reported by the robot. `tree_statuses`: statuses of the nodes,
-    in preorder, of the tree that carries out its local task, empty if there is none. `recorded`:
-    how far it has signed its recording, None if it does not. `work_ms`: how long the action of its
-    local task has been running, 0 without one. `unix_us`: the sender's wall clock, in missions with
-    jobs; `steady_us`: its steady clock, in missions in which robots use it to stop in time. Other
-    missions omit them, so they take no bytes there.
+    `relays`: robot -> its newest self-report that the sender knows. `request` and `answers`: those
+    of a feature. `members_digest`: of the robots that the sender counts on. `position`: as reported
+    by the robot. `tree_statuses`: statuses of the nodes, in preorder, of the tree that carries out
+    its local task, empty if there is none. `recorded`: how far it has signed its recording, None if
+    it does not. `work_ms`: how long the action of its local task has been running, 0 without one.
+    `unix_us`: the sender's wall clock, in missions with jobs; `steady_us`: its steady clock, in
+    missions in which robots use it to stop in time. Other missions omit them, so they take no bytes
+    there.
     """
 
     report: SelfReport
@@ -168,8 +172,8 @@ class Heartbeat:
     progress: int
     suspicions: tuple[Suspicion, ...]
     relays: Mapping[str, SelfReport]
-    lease_request: tuple[str, str] | None = None
-    lease_grants: tuple[LeaseGrant, ...] = ()
+    request: Request | None = None
+    answers: tuple[RequestAnswer, ...] = ()
     members_digest: bytes = bytes(DIGEST_BYTES)
     position: Position | None = None
     tree_statuses: bytes = b""
@@ -309,8 +313,8 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         heartbeat.progress,
         [_pack_suspicion(suspicion) for suspicion in heartbeat.suspicions],
         pack_reports(heartbeat.relays),
-        list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
-        [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
+        list(heartbeat.request) if heartbeat.request is not None else None,
+        [[each.party, each.robot, each.number] for each in heartbeat.answers],
         None if where is None else [where.x, where.y, where.heading],
         heartbeat.tree_statuses,
         None if head is None else [head.number, head.check],
@@ -360,7 +364,7 @@ def parse_heartbeat(
     if not isinstance(body, list) or len(body) not in (19, 20, 21):
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants, where, tree, head, signature, work_ms, *clocks = tables
+    suspicions, relays, request, answers, where, tree, head, signature, work_ms, *clocks = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -379,8 +383,8 @@ def parse_heartbeat(
         _count(progress, 100),
         tuple(map(_suspicion, _rows(suspicions, *_SUSPICION_WIDTHS))),
         dict([_relay(row) for row in filter(is_new_relay, _rows(relays, *_REPORT_WIDTHS))]),
-        _lease_request(request),
-        tuple(LeaseGrant(_name(c), _robot(m), _count(n)) for c, m, n in _rows(grants, 3)),
+        _request(request),
+        tuple(RequestAnswer(_name(p), _robot(r), _count(n)) for p, r, n in _rows(answers, 3)),
         _digest(alive),
         _position(where),
         _tree_statuses(tree),
@@ -393,16 +397,16 @@ def parse_heartbeat(
 def urgent_part(data: bytes) -> tuple[Any, ...] | None:
     """Return the part of an unchecked heartbeat that others act on at once when it changes.
 
-    None if the heartbeat is always urgent (it asks for news or carries a lease request or grants),
-    or cannot be read here.
+    None if the heartbeat is always urgent (it asks for news or carries a request or answers), or
+    cannot be read here.
     """
     if len(data) > SHORT_BYTES:
         return None
     try:
         body = unpacked(data, MAX_VALUE_BYTES)[6]
         counter, nonce, _, flags, plan, facts, members, _, result, _, *tables = body
-        suspicions, _, request, grants, *_ = tables
-        is_urgent = request or grants or any(row[3] & 4 for row in suspicions)
+        suspicions, _, request, answers, *_ = tables
+        is_urgent = request or answers or any(row[3] & 4 for row in suspicions)
     except (ValueError, TypeError, LookupError, msgpack.UnpackException, RecursionError):
         return None
     part = counter, nonce, flags, plan, facts, members, result, suspicions
@@ -478,11 +482,11 @@ def _recording_head(value: Any) -> RecordingHead | None:
     return RecordingHead(_count(value[0]), _digest(value[1], HEAD_BYTES))
 
 
-def _lease_request(value: Any) -> tuple[str, str] | None:
+def _request(value: Any) -> Request | None:
     if value is None:
         return None
     if not isinstance(value, list) or len(value) != 2:
-        raise WireError("request for grants is malformed")
+        raise WireError("request is malformed")
     return _name(value[0]), _name(value[1])
 
 

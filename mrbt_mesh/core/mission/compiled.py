@@ -205,14 +205,14 @@ def _check_global_tasks(mission: Mission) -> None:
         for key, after in (
             ("blocked", goal.blocked_fail_after_us),
             ("failure", goal.failure_after_us),
-            ("begin_within", goal.begin_within_us),
         ):
             _expect(after is None or (type(after) is int and after > 0), f"{here}: {key}")
         for condition, value in goal.effects:
             is_known = mission.knows_entry(condition) and isinstance(value, bool)
             _expect(is_known, f"{here}: effect on {condition!r}")
-        for flag in ("preemptive", "simultaneous", "exclusive"):
-            _expect(isinstance(getattr(goal, flag), bool), f"{here}: {flag}")
+        _expect(isinstance(goal.preemptive, bool), f"{here}: preemptive")
+        problem = goal.joint.problem() if goal.joint is not None else ""
+        _expect(not problem, f"{here}: {problem}")
         _expect(any(need.min_robots for need in goal.needs), f"{here}: no robot is needed")
         _expect(all(each in mission.conditions for each in goal.reads), f"{here}: blackboard")
         for need in goal.needs:

@@ -11,7 +11,7 @@ import enum
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
-from mrbt_mesh.core.feature import Limits, PlanStep, features, used
+from mrbt_mesh.core.feature import JointPolicy, Limits, PlanStep, features, used
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
@@ -90,20 +90,10 @@ class MissionEnd(enum.StrEnum):
 
 
 class Recorded(enum.StrEnum):
-    """What a robot needs its own recording for: nothing, or exclusive tasks."""
+    """What a robot needs its own recording for: nothing, or tasks that are done at most once."""
 
     IF_POSSIBLE = "if_possible"
     REQUIRED = "required"
-
-
-class InDoubtPolicy(enum.StrEnum):
-    """An exclusive task that was begun and ended without an outcome: it is held for the operator,
-    counts as failed, or is tried again.
-    """
-
-    HOLD = "hold"
-    FAIL = "fail"
-    RETRY = "retry"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,14 +180,10 @@ class GlobalTask:
 
     `failure_after_us`: for how long the team must agree that no living robot can make good a
     failure; None: `Timing.failure_latch_us`. `blocked_fail_after_us`: None waits for robots to
-    return; otherwise the task fails after it has been blocked that long. `simultaneous`: its robots
-    start together, and only the successes of one such coalition count: one whose members began
-    within `begin_within_us` (None: the detection time). `exclusive`: it is never
-    done by two coalitions at the same time, nor again after it was done or left `in_doubt`.
-    `by_coalition`: it is either, so it is carried out by coalitions, whose robots all start
-    together. `effects`: ground conditions and the values that they are declared to have once it has
-    succeeded; only checks and analysis read them. `reads`: the blackboard entries that are
-    arguments of its local tasks.
+    return; otherwise the task fails after it has been blocked that long. `joint`: how its robots
+    carry it out jointly, None if they work each on its own. `effects`: ground conditions and the
+    values that they are declared to have once it has succeeded; only checks and analysis read them.
+    `reads`: the blackboard entries that are arguments of its local tasks.
     """
 
     id: GlobalTaskId
@@ -205,19 +191,19 @@ class GlobalTask:
     failure: FailurePolicy = FailurePolicy.RESILIENT
     blocked_fail_after_us: int | None = None
     preemptive: bool = False
-    simultaneous: bool = False
-    exclusive: bool = False
-    in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD
+    joint: JointPolicy | None = None
     failure_after_us: int | None = None
     effects: tuple[tuple[str, bool], ...] = ()
-    begin_within_us: int | None = None
-    by_coalition: bool = field(init=False, repr=False, compare=False)
     reads: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "by_coalition", self.simultaneous or self.exclusive)
         read = {name for need in self.needs for name in entries_in(need.local_task)}
         object.__setattr__(self, "reads", tuple(sorted(read)))
+
+    @property
+    def at_most_once(self) -> bool:
+        """Whether it is never done twice, nor by two groups of robots at the same time."""
+        return self.joint is not None and self.joint.at_most_once
 
     def need(self, local_task: LocalTaskId) -> Need | None:
         """Its need of a local task, None if it has none."""
@@ -225,18 +211,17 @@ class GlobalTask:
 
     def to_json(self) -> list[Any]:
         """Its fields in their order; the last three only where they differ from the usual."""
+        *joint, joint_last = self.joint.to_json() if self.joint is not None else _NOT_JOINT
         row = [
             self.id,
             [need.to_json() for need in self.needs],
             str(self.failure),
             self.blocked_fail_after_us,
             self.preemptive,
-            self.simultaneous,
-            self.exclusive,
-            str(self.in_doubt),
+            *joint,
         ]
         effects = [list(effect) for effect in self.effects]
-        more = [self.failure_after_us, effects, self.begin_within_us]
+        more = [self.failure_after_us, effects, joint_last]
         while more and more[-1] in (None, []):
             more.pop()
         return [*row, *more]
@@ -244,22 +229,29 @@ class GlobalTask:
     @classmethod
     def from_json(cls, data: list[Any]) -> GlobalTask:
         """The inverse; raises TypeError or ValueError for anything else."""
-        name, needs, failure, blocked, preemptive, simultaneous, exclusive, in_doubt, *more = data
+        name, needs, failure, blocked, preemptive, *others = data
+        joint, more = others[:3], others[3:]
         usual: list[Any] = [None, [], None]
-        after_us, effects, begin_within_us = more + usual[len(more) :]
+        after_us, effects, joint_last = more + usual[len(more) :]
         return cls(
             name,
             tuple(Need.from_json(need) for need in needs),
             FailurePolicy(failure),
             blocked,
             preemptive,
-            simultaneous,
-            exclusive,
-            InDoubtPolicy(in_doubt),
+            _joint_policy([*joint, joint_last]),
             after_us,
             tuple((condition, value) for condition, value in effects),
-            begin_within_us,
         )
+
+
+# What stands for `GlobalTask.joint` in a compiled mission where it is None.
+_NOT_JOINT: Sequence[Any] = (False, False, "hold", None)
+
+
+def _joint_policy(data: Sequence[Any]) -> JointPolicy | None:
+    found = (feature.joint_policy(data) for feature in features())
+    return next((policy for policy in found if policy is not None), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,6 +373,11 @@ class Robot:
     capabilities: Mapping[str, int]
 
 
+def majority(robots: Collection[RobotId]) -> int:
+    """How many of these robots are more than half of them, and no more than that takes."""
+    return len(robots) // 2 + 1
+
+
 def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int | None:
     """p(i, l) in micro-units, None where l is not in L_i (the paper's minus infinity).
 
@@ -483,7 +480,8 @@ class Mission:
     local tasks that are BehaviorTree.CPP trees. `travel`: None where nothing is said of places.
     `jobs`: types of jobs, whose trees are below Jobs nodes. `revision`: None, unless it takes the
     place of another mission while a team runs. `recorded`: whether robots that do not record take
-    exclusive tasks. `sections`: what features add (`core.feature`), by the names of their sections.
+    tasks that are done at most once. `sections`: what features add (`core.feature`), by the names
+    of their sections.
     """
 
     name: str
@@ -584,7 +582,12 @@ class Mission:
         of_features = any(
             feature.stops_in_time(section) for feature, section in used(self.sections)
         )
-        return of_features or any(task.exclusive for task in self.all_tasks())
+        return of_features or self.has_tasks_at_most_once
+
+    @cached_property
+    def has_tasks_at_most_once(self) -> bool:
+        """Whether any task is done at most once."""
+        return any(task.at_most_once for task in self.all_tasks())
 
     @cached_property
     def has_paper_policy(self) -> bool:

@@ -12,11 +12,10 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind
-from mrbt_mesh.core.facts.coalitions import Coalitions, coalition_at_work, is_still_in, majority
-from mrbt_mesh.core.facts.records import CoalitionId, Hold, Phase
+from mrbt_mesh.core.facts.records import Hold, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Need, Recorded, SameRobotAs
+from mrbt_mesh.core.mission.mission import Need, SameRobotAs
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
 from mrbt_mesh.core.planning.per_robot import asks_for, eligible
 
@@ -26,7 +25,7 @@ class Demand:
     """One local task of one request.
 
     `lower` and `upper` are a_j and b_j, shrunk by the outcomes so far. `pinned` robots are
-    already running it (or about to start, with the standing coalition) and count towards both.
+    already running it (or about to start, with others that are) and count towards both.
     `candidates` map robot to performance for all workers that could be put on it: capable and
     without an outcome for it. `after`: only those that have done something before, or for which
     something holds, and what.
@@ -43,8 +42,6 @@ class Demand:
 
 
 Group: TypeAlias = tuple[Demand, ...]
-JOURNALS = " whose journals can be written"
-RECORDINGS = " that record"
 
 
 def demands_of(
@@ -153,8 +150,8 @@ def request_demands(
         if own is not None:
             found = {robot: found[robot] for robot in own if robot in found}
         able.append(found)
-    if task.by_coalition:
-        return _coalition_demands(facts, request, task, capabilities, able, asked)
+    if task.joint is not None:
+        return task.joint.demands(facts, request, capabilities, able, asked)
     ends = facts.outcomes(request.activation)
     return tuple(
         _demand(request, need, found, ends, running, asked)
@@ -185,95 +182,6 @@ def _demand(
     return Demand(request, need.local_task, *bounds, pinned, candidates, need.after + asked)
 
 
-def _coalition_demands(
-    facts: TeamFacts,
-    request: Request,
-    task: GlobalTask,
-    capabilities: Capabilities,
-    able: Sequence[Mapping[str, int]],
-    asked: str,
-) -> Group:
-    """A coalition that has started goes on, and no robot joins it; before, the bounds are nu, mu.
-
-    Only robots whose journals can be written begin an exclusive task, and only those that record
-    it if the mission requires that.
-    """
-    team, found = capabilities.team, facts.coalitions(request.activation)
-    token = coalition_at_work(facts, task, request.activation, incarnations(team))
-    at_work = _at_work(facts, request, found, token, team) if token is not None else {}
-    result = []
-    for need, those in zip(task.needs, able, strict=True):
-        failed = found.failed_robots(need.local_task)
-        candidates = {robot: value for robot, value in those.items() if robot not in failed}
-        lower, upper = need.min_robots, need.max_robots
-        pinned: tuple[str, ...] = ()
-        after = need.after + asked
-        if token is None and task.exclusive:
-            found_able = len(candidates)
-            candidates = {r: v for r, v in candidates.items() if team[r].member.may_promise}
-            after += JOURNALS if len(candidates) < found_able else ""
-            if facts.mission.recorded is Recorded.REQUIRED:
-                found_able = len(candidates)
-                candidates = {r: v for r, v in candidates.items() if facts.is_recorded(r)}
-                after += RECORDINGS if len(candidates) < found_able else ""
-        if token is not None:
-            pinned = tuple(r for r in candidates if at_work.get(r) == need.local_task)
-            lower = upper = len(pinned)
-        bounds = need.min_robots, lower, upper
-        demand = Demand(request, need.local_task, *bounds, pinned, candidates, after)
-        result.append(demand)
-    return tuple(result)
-
-
-def _at_work(
-    facts: TeamFacts,
-    request: Request,
-    found: Coalitions,
-    token: CoalitionId,
-    team: Mapping[str, Worker],
-) -> dict[str, str]:
-    """Robot -> local task, for the members of a coalition that have not finished."""
-    return {
-        member.robot: member.local_task
-        for member in found.members[token]
-        if member.robot in team
-        and team[member.robot].incarnation == (member.counter, member.nonce)
-        and found.outcome(token, member) is None
-        and is_still_in(facts, token, member, request.activation)
-    }
-
-
 def incarnations(team: Mapping[str, Worker]) -> dict[str, Incarnation]:
     """Robot -> incarnation."""
     return {robot: worker.incarnation for robot, worker in team.items()}
-
-
-# How it begins that an exclusive request is in doubt.
-IN_DOUBT = "in doubt"
-# How it begins that an exclusive request lacks robots that may grant it.
-LACKS_GRANTS = "exclusive: needs grants from"
-
-
-def obstacle(
-    facts: TeamFacts, request: Request, group: Sequence[Demand], team: Mapping[str, Worker]
-) -> str:
-    """Why an exclusive request cannot be served, whichever robots are free; empty if it can."""
-    task = facts.mission.global_tasks[request.subject]
-    if not task.exclusive:
-        return ""
-    found = facts.coalitions(request.activation)
-    doubted = found.in_doubt(facts.grantors)
-    if doubted and task.in_doubt is not InDoubtPolicy.RETRY:
-        names = ", ".join(sorted({token.leader for token in doubted}))
-        return f"{IN_DOUBT}: nobody knows how far {names} got; `mrbt decide` says how it goes on"
-    token = coalition_at_work(facts, task, request.activation, incarnations(team))
-    if token is not None:
-        if any(demand.pinned for demand in group):
-            return ""
-        return f"{token.leader} is out of reach and may still be at it"
-    grantors = [worker.member.may_promise for r, worker in team.items() if r in facts.grantors]
-    needed, present = majority(facts.grantors), sum(grantors)
-    if present < needed:
-        which = JOURNALS if present < len(grantors) else ""
-        return f"{LACKS_GRANTS} {needed} of {len(facts.grantors)} robots{which}, {present} here"
-    return ""

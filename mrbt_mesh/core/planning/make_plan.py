@@ -14,7 +14,6 @@ from mrbt_mesh.core.assignment.problem import SideConstraint, Solver
 from mrbt_mesh.core.assignment.solve import optimum, within
 from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.coalitions import coalition_at_work
 from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -32,7 +31,6 @@ from mrbt_mesh.core.planning.demands import (
     Group,
     demands_of,
     incarnations,
-    obstacle,
     running_on,
 )
 from mrbt_mesh.core.planning.pending_failures import pending_failures
@@ -258,7 +256,8 @@ def _obstacles(
     found, unset = {}, {}
     for index, request in enumerate(requests):
         task = facts.mission.global_tasks[request.subject]
-        if task.exclusive and (text := obstacle(facts, request, demands[index], team)):
+        joint = task.joint
+        if joint is not None and (text := joint.obstacle(facts, request, demands[index], team)):
             found[index] = text
         if task.reads:
             values = facts.values_read(request.activation, task)
@@ -352,21 +351,21 @@ def _completed(
     team: Mapping[str, Worker],
     ahead: Lookahead | None,
 ) -> dict[str, RobotAssignment]:
-    """Name the leader where a task is carried out by a coalition: that of the standing one, else
-    the first robot that the schedule in force has on the activation, else that of the plan. And put
-    in what a task reads from the blackboard.
+    """Name the leader where robots carry out a task jointly: that of the party at work, else the
+    first robot that the schedule in force has on the activation, else that of the plan. And put in
+    what a task reads from the blackboard.
     """
     leaders: dict[str, tuple[str, int]] = {}
     result = {}
     for robot, assignment in assignments.items():
         task, activation = facts.mission.global_tasks[assignment.global_task], assignment.activation
-        if task.by_coalition:
+        if task.joint is not None:
             if activation not in leaders:
-                token = coalition_at_work(facts, task, activation, incarnations(team))
-                number = facts.coalitions(activation).round_number(facts.grantors, token)
+                lives = incarnations(team)
+                leader, number = task.joint.lead(facts, task, activation, lives)
                 step = ahead.step_of(activation) if ahead is not None else None
                 first = ahead.members(step)[0] if ahead is not None and step else robot
-                leaders[activation] = (token.leader if token is not None else first, number)
+                leaders[activation] = (leader or first, number)
             leader, number = leaders[activation]
             assignment = replace(assignment, leader=leader, round=number)
         if task.reads:

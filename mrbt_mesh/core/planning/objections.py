@@ -11,6 +11,7 @@ from dataclasses import replace
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.jobs import with_one_of_each
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission
 from mrbt_mesh.core.planning.ahead import tasks_ahead
@@ -21,7 +22,7 @@ from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, step_n
 
 # Loops without a limit ask for tasks for ever.
 MOST_AHEAD = 200
-FORCE, REPEAT = "--force", "--repeat-exclusive"
+FORCE = "--force"
 
 
 def objections(
@@ -31,16 +32,16 @@ def objections(
     alive: Mapping[str, Incarnation],
     *,
     is_forced: bool = False,
-    repeats_exclusive: bool = False,
+    may_repeat: bool = False,
 ) -> list[str]:
     """Why a revision is refused, each with the remedy; empty if it is not.
 
-    `alive`: the robots of the team. `is_forced` and `repeats_exclusive`: what the operator says.
+    `alive`: the robots of the team. `is_forced` and `may_repeat`: what the operator says.
     """
     found = [
         f"it has no place for the open job {job}: cancel it first" for job in changes.lost_jobs
     ]
-    if not repeats_exclusive:
+    if not may_repeat:
         found += _repeated(changes)
     if not is_forced:
         found += _without_force(facts, mission, changes, alive)
@@ -49,10 +50,7 @@ def objections(
 
 def _repeated(changes: RevisionChanges) -> Iterator[str]:
     for name in step_names(changes.repeated):
-        yield (
-            f"{name} is exclusive and was begun, and would be begun again: "
-            f"leave its task and what guards it as they are, or use {REPEAT}"
-        )
+        yield from filter(None, (feature.objects_to_repeat(name) for feature in features()))
 
 
 def _without_force(

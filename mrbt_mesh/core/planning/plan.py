@@ -91,6 +91,10 @@ class PendingFailure:
         return f"{records.LATCHED_FAILURE}/{self.activation}"
 
 
+# How an obstacle begins that only an operator's decision removes.
+UNDECIDED = "in doubt"
+
+
 @dataclass(frozen=True, slots=True)
 class Waiting:
     """A request that is not served. With `shortages` it is blocked: no living robots could.

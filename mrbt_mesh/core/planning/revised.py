@@ -10,7 +10,7 @@ from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
-from mrbt_mesh.core.facts.records import Claim, Decision, Phase
+from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import KnownMember, TeamFacts
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, task_of_activation
 from mrbt_mesh.core.mission.compiled import compile_mission
@@ -24,8 +24,8 @@ from mrbt_mesh.core.mission.revisions import RevisionError, revise
 class RevisionChanges:
     """All sorted. `kept` and `kept_failed`: activations with outcomes that stay, the latter without
     a success. `begun_again`: those whose outcomes do not count, of steps that the revision begins
-    anew; `dropped`: of steps that it does not have. `repeated`: for each step whose task is or was
-    `exclusive` and that it begins anew, an activation that is done, may be done, or is in doubt.
+    anew; `dropped`: of steps that it does not have. `repeated`: for each step that it begins
+    anew and whose task is or was to be done at most once, an activation that is done, or may be.
     `new_tasks`: steps that it adds, by name. `going_on` and `cancelled`: (robot, activation, local
     task) of robots at work. `lost_jobs`: open jobs for which it has no type, or other arguments.
     `ended_jobs`: open jobs that end with it, and whether they succeed or fail. `result`: how the
@@ -194,19 +194,19 @@ class _Steps:
                 yield _name_of(*step)
 
     def repeated(self) -> Iterator[str]:
-        """Of each exclusive step that begins anew an activation that was begun. It is exclusive if
-        its task is, or was when it was begun.
+        """Of each step that is done at most once and begins anew, an activation that was begun. It
+        is done at most once if its task is, or was when it was begun.
         """
         for step, fresh in self._fresh.items():
             tasks = [self._task(self._mission, number, step) for number in fresh]
-            is_exclusive = any(task is not None and task.exclusive for task in tasks)
+            is_once = any(task is not None and task.at_most_once for task in tasks)
             known = sorted(self._known.get(step, {}).items()) if fresh else ()
             begun = [
                 name
                 for name, said in known
-                if _may_be_done(said) or (is_exclusive and _has_success(said))
+                if _may_be_done(said) or (is_once and _has_success(said))
             ]
-            begun += self._at_work(step, is_exclusive) if fresh else []
+            begun += self._at_work(step, is_once) if fresh else []
             yield from begun[:1]
 
     def _fresh_numbers(self, step: _Step) -> list[int]:
@@ -219,8 +219,8 @@ class _Steps:
         ended = [name for name, said in known.items() if _has_ended(said)]
         return [name for name in ended if not _has_ended_in(self._after, name)]
 
-    def _at_work(self, step: _Step, is_exclusive: bool) -> Iterator[str]:
-        """What robots have begun of a step whose task is exclusive, or becomes so."""
+    def _at_work(self, step: _Step, is_once: bool) -> Iterator[str]:
+        """What robots have begun of a step that is done at most once, or will be."""
         for robot in sorted(self._facts.claims):
             claim = self._facts.valid_claim(robot)
             is_alive = self._alive is None or robot in self._alive
@@ -228,7 +228,7 @@ class _Steps:
                 continue
             held = parse_activation(claim.activation)
             task = self._facts.task_of(claim.activation)
-            if (held.subject, held.job) == step and (is_exclusive or (task and task.exclusive)):
+            if (held.subject, held.job) == step and (is_once or (task and task.at_most_once)):
                 yield claim.activation
 
     def _task(self, mission: Mission, number: int, step: _Step) -> GlobalTask | None:
@@ -267,7 +267,7 @@ def _numbers(facts: TeamFacts, mission: Mission) -> dict[_Step, list[int]]:
 
 def _has_ended(said: ActivationFacts) -> bool:
     """Whether a robot has ended here, or an operator has decided that it is done."""
-    return said.has_outcome or said.is_decided(Decision.DONE)
+    return said.has_outcome or said.verdict is True
 
 
 def _has_ended_in(facts: TeamFacts, activation: str) -> bool:
@@ -280,20 +280,17 @@ def _is_begun(said: ActivationFacts) -> bool:
 
 
 def _is_done(said: ActivationFacts) -> bool:
-    return said.is_decided(Decision.DONE) or _has_success(said)
+    return said.verdict is True or _has_success(said)
 
 
 def _may_be_done(said: ActivationFacts) -> bool:
-    """Whether an exclusive activation is done, or may be: it is under way, or in doubt."""
-    coalitions, is_done = said.coalitions, said.is_decided(Decision.DONE)
-    if is_done or coalitions is None or not coalitions.grants:
-        return is_done
-    return _has_success(said) or any(map(coalitions.is_open, coalitions.grants))
+    """Whether a task that is done at most once is done, or may be."""
+    return said.joint is not None and said.joint.may_be_done()
 
 
 def _has_success(said: ActivationFacts) -> bool:
-    found = [said.outcomes, *(said.coalitions.outcomes.values() if said.coalitions else ())]
-    return any(success for each in found for ends in each.values() for success in ends.values())
+    has_own = any(success for ends in said.outcomes.values() for success in ends.values())
+    return has_own or (said.joint is not None and said.joint.has_success)
 
 
 def _lost_jobs(facts: TeamFacts, mission: Mission) -> list[str]:

@@ -385,7 +385,7 @@ def _tasks(
                 None if goal is None else places[goal],
                 each.needs,
                 tuple(numbers[name] for name in before if name in numbers),
-                tasks[each.request.subject].by_coalition,
+                tasks[each.request.subject].joint is not None,
                 max((ends_ms.get(name, 0) for name in before), default=0),
                 place.level,
                 place.arrival,
@@ -460,8 +460,8 @@ def _why_left_out(mission: Mission, request: Request, needs: Sequence[Scheduling
         return f"the mission has {mission.limits.name}"
     if request.node in mission.per_robot.guards:
         return "it depends on conditions that every robot has for itself"
-    if task.exclusive:
-        return "it is exclusive"
+    if task.joint is not None and (reason := task.joint.why_unscheduled):
+        return reason
     if task.preemptive:
         return "it takes robots from other tasks"
     if why := next(filter(None, (s.why_unscheduled(task) for s in mission.plan_steps)), ""):

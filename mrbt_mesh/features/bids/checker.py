@@ -40,7 +40,7 @@ class BidsFirst(FeatureChecker):
                 able = capability(member, need.local_task) is not None
                 is_asked = able and life == alive[robot] and not member.is_leaving
                 # Only robots whose journals can be written begin an exclusive task.
-                is_asked &= member.may_promise or not task.exclusive
+                is_asked &= member.may_promise or not task.at_most_once
                 if is_asked and not lacked(facts, activation, robot):
                     text = f"{agent.robot} claims {claim.local_task} of {activation}"
                     self.run.violation("I7", f"{text} without a bid of {robot}")

@@ -25,7 +25,7 @@ class HasStopped(FeatureChecker):
             place_at(agent.mission, start.local_task),
         )
         task = agent.facts.task_of(start.activation)
-        is_exclusive = task is not None and task.exclusive
+        is_exclusive = task is not None and task.at_most_once
         by_type = policies(mission)
         if not by_type or not (is_exclusive or place):
             return

@@ -12,14 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from mrbt_mesh.core.bt.activation import Activation
-from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.feature import Kit, Part
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat
 from mrbt_mesh.core.mission.jobs import place_at
-from mrbt_mesh.core.mission.mission import performance
+from mrbt_mesh.core.mission.mission import majority, performance
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.features.contact.policy import ATTEND, ContactOf, OnLostContact, policies
 from mrbt_mesh.features.contact.withdrawal import Withdrawal
@@ -69,7 +68,7 @@ class ContactWatch(Part):
         self._sent_us[number] = now_us
         self._sent_us.pop(number - KEPT_BEATS, None)
 
-    def heard(self, robot: str, beat: Heartbeat) -> None:
+    def heard(self, robot: str, beat: Heartbeat, now_us: int) -> None:
         mine = beat.relays.get(self._context.me)
         if mine is not None and mine.incarnation == self._context.replica.incarnation:
             sent_us = self._sent_us.get(mine.number)
@@ -181,7 +180,7 @@ class ContactWatch(Part):
 
     # -- others -------------------------------------------------------------------------------
 
-    def may_begin(self, claim: Claim, is_exclusive: bool, now_us: int) -> bool:
+    def may_begin(self, claim: Claim, now_us: int) -> bool:
         """True if this robot may begin.
 
         It must have contact, and no robot that has lost its own may still be doing this task.
@@ -190,6 +189,8 @@ class ContactWatch(Part):
         if self._policy is not None and (self.is_lost or self._last_us(now_us) is None):
             return False
         mission, local_task = self._context.mission, claim.local_task
+        task = self._context.facts.task_of(claim.activation)
+        is_exclusive = task is not None and task.at_most_once
         if not self._stopping or not (is_exclusive or place_at(mission, local_task)):
             return True
         begins_us = max((self._stops_us(r) for r in self._may_be_at(local_task)), default=now_us)

@@ -112,7 +112,7 @@ class _Chaos:
         self.seed = seed
         self.knobs = knobs
         self.mission = mission
-        self.leases = any(task.exclusive for task in mission.all_tasks())
+        self.leases = mission.has_tasks_at_most_once
         self.job_types = [mission.jobs[name] for name in sorted(mission.jobs)]
         self.robots = sorted(mission.robots)
         self.links: list[Link] = list(permutations(self.robots, 2))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.facts.coalitions import Coalitions
-from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.mission.mission import GlobalTask
+from mrbt_mesh.features.exclusive.coalitions import Coalitions, coalitions_of
+from mrbt_mesh.features.exclusive.fields import is_simultaneous, policy_of
+from mrbt_mesh.features.exclusive.records import CoalitionId
 from mrbt_mesh.sim.checkers.findings import RunFindings
 
 # By how much robots' own clocks may differ in speed: `network` of a run.
@@ -25,8 +26,8 @@ class BegunTogether:
 
     def started(self, agent: AgentView, start: StartAction) -> None:
         task = agent.facts.task_of(start.activation)
-        if task is not None and task.simultaneous and start.coalition and not start.travel_to:
-            begun = self._begun.setdefault((start.activation, start.coalition), {})
+        if is_simultaneous(task) and start.party and not start.travel_to:
+            begun = self._begun.setdefault((start.activation, start.party), {})
             begun.setdefault(agent.robot, self._run.world.clock.now_us)
 
     def check(self, agent: AgentView) -> None:
@@ -35,7 +36,7 @@ class BegunTogether:
             return
         self._changes[agent.robot] = agent.facts.changes
         for activation, coalition in self._begun.keys() - self._checked:
-            task, known = agent.facts.task_of(activation), agent.facts.coalitions(activation)
+            task, known = agent.facts.task_of(activation), coalitions_of(agent.facts, activation)
             token = CoalitionId.parse(coalition)
             if task is not None and token in known.members and _has_succeeded(task, known, token):
                 self._checked.add((activation, coalition))
@@ -51,7 +52,9 @@ class BegunTogether:
             if known.outcome(CoalitionId.parse(coalition), member) and member.robot in begun
         ]
         run.checks["I4"] += 1
-        within_us = task.begin_within_us or run.world.timing.detection_us
+        policy = policy_of(task)
+        own_us = policy.begin_within_us if policy is not None else None
+        within_us = own_us or run.world.timing.detection_us
         if max(counted) - min(counted) > within_us * MOST_DRIFT:
             late_s = (max(counted) - min(counted)) / 1e6
             text = f"{activation} counts, and its robots began {late_s:g} s one after the other"

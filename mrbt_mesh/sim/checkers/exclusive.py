@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.agent.effects import Effect, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.facts.records import GRANT, Claim
-from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy
+from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.mission.mission import GlobalTask
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy, in_doubt_policy
+from mrbt_mesh.features.exclusive.kinds import GRANT
 from mrbt_mesh.sim.checkers.findings import RunFindings
 from mrbt_mesh.sim.world.journal import Changes
 from mrbt_mesh.sim.world.process import SimProcess
@@ -51,7 +53,7 @@ class Exclusive:
 
     def __init__(self, run: RunFindings) -> None:
         self._run = run
-        self._has_tasks = any(task.exclusive for task in run.world.mission.all_tasks())
+        self._has_tasks = run.world.mission.has_tasks_at_most_once
         # Activation -> its task, of those that have begun.
         self._tasks: dict[str, GlobalTask] = {}
         self._coalitions: dict[tuple[str, str], dict[str, _Coalition]] = {}
@@ -69,7 +71,7 @@ class Exclusive:
         if action.activation in self._tasks and action.ticket == event.ticket:
             success = event.success if isinstance(event, ActionFinished) else None
             known = self._coalitions[action.global_task, action.activation]
-            known[action.coalition].ends[process] = success
+            known[action.party].ends[process] = success
 
     def handled(self, process: SimProcess, effects: Iterable[Effect]) -> None:
         for effect in effects:
@@ -91,12 +93,12 @@ class Exclusive:
         assert process.agent is not None
         run, tasks = self._run, self._run.world.mission.global_tasks
         task = tasks.get(start.global_task) or process.agent.view.facts.task(start.activation)
-        if not task.exclusive:
+        if not task.at_most_once:
             return
         self._tasks[start.activation] = task
         run.checks["I5"] += 1
         known = self._coalitions.setdefault((start.global_task, start.activation), {})
-        givers = self._givers.get((start.activation, start.coalition), set())
+        givers = self._givers.get((start.activation, start.party), set())
         if 2 * len(givers) <= len(run.world.mission.robots):
             granted = ", ".join(sorted(givers)) or "nobody"
             text = f"{process.robot} begins {start.activation}, which only {granted} granted"
@@ -105,26 +107,26 @@ class Exclusive:
             text = f"{process.robot} begins {start.activation}, and its claim is not on disk"
             run.violation("I5", text)
         for token, other in known.items():
-            if token == start.coalition:
+            if token == start.party:
                 continue
-            begins = f"{process.robot} begins {start.activation} ({start.coalition})"
+            begins = f"{process.robot} begins {start.activation} ({start.party})"
             if others := other.at_work():
                 text = f"{begins} while {', '.join(others)} are at it ({token})"
             elif other.has_succeeded(task):
                 text = f"{begins}, which was finished ({token})"
-            elif not other.is_resolved() and task.in_doubt is not InDoubtPolicy.RETRY:
+            elif not other.is_resolved() and in_doubt_policy(task) is not InDoubtPolicy.RETRY:
                 text = f"{begins}, which was left in doubt ({token})"
             else:
                 continue
             run.violation("I5", text)
-        mine = known.setdefault(start.coalition, _Coalition())
+        mine = known.setdefault(start.party, _Coalition())
         mine.tasks[process] = start.local_task
         mine.tickets[process] = start.ticket
 
     @property
     def wait_us(self) -> int:
         """How long robots may wait, and write nothing, for grants to expire."""
-        return self._run.world.timing.lease_us if self._has_tasks else 0
+        return self._run.world.timing.promise_us if self._has_tasks else 0
 
     @property
     def done_twice(self) -> int:

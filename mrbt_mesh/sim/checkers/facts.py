@@ -14,7 +14,6 @@ from mrbt_mesh.core.facts.jobs import job_of
 from mrbt_mesh.core.facts.records import (
     JOB_END,
     MISSION_KINDS,
-    Decision,
     Outcome,
     split_name,
 )
@@ -234,7 +233,7 @@ class NothingUndone:
     ) -> None:
         """I4 of coalitions: nu successes of one coalition, or the operator has ended the task."""
         task = agent.facts.task(activation)
-        if not task.by_coalition:
+        if task.joint is None:
             return
         rounds: dict[str, Counter[str]] = {}
         for (_, name), success in outcomes.items():
@@ -242,7 +241,7 @@ class NothingUndone:
             if success and where == activation:
                 rounds.setdefault(token, Counter())[local_task] += 1
         enough = (all(r[n.local_task] >= n.min_robots for n in task.needs) for r in rounds.values())
-        done = agent.facts.activations[activation].is_decided(Decision.DONE)
+        done = agent.facts.activations[activation].verdict is True
         if not done and not any(enough):
             text = f"for {agent.robot} {activation} is finished, but by no whole coalition"
             self._run.violation("I4", text)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.facts.coalitions import majority
+from mrbt_mesh.core.mission.mission import majority
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim.world.network import Link

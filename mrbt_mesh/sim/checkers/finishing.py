@@ -117,7 +117,7 @@ class _Search:
         ):
             return ()  # an exclusive task in doubt, or without a majority that lives
         present = sum(robot in facts.mission.robots for robot in self._alive)
-        if task.exclusive and 2 * present <= len(facts.mission.robots):
+        if task.at_most_once and 2 * present <= len(facts.mission.robots):
             return ()
         if self._can_serve(request):
             return Status.SUCCESS, Status.FAILURE

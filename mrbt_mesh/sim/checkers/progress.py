@@ -13,7 +13,6 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.records import (
-    COALITION_KINDS,
     Attempt,
     ConditionValue,
     Hold,
@@ -27,12 +26,14 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.feature import used
 from mrbt_mesh.core.mission.mission import (
     MICRO,
-    InDoubtPolicy,
     Mission,
     MissionEnd,
     Need,
     performance,
 )
+from mrbt_mesh.features.exclusive.coalitions import coalitions_of
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy, in_doubt_policy
+from mrbt_mesh.features.exclusive.kinds import COALITION_KINDS
 from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.checkers.finishing import can_finish
@@ -127,7 +128,7 @@ class Progress:
             return
         if still_us <= patience_us:
             return
-        exclusive = any(task.exclusive for task in world.mission.all_tasks())
+        exclusive = world.mission.has_tasks_at_most_once
         if exclusive and run.may_lack_grants:
             self.is_settled = True
             return
@@ -238,11 +239,11 @@ def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarna
     task = facts.mission.global_tasks[request.subject]
     if task.reads and None in facts.values_read(request.activation, task):
         return True
-    if not task.exclusive:
+    if not task.at_most_once:
         return False
     present = sum(robot in facts.mission.robots for robot in alive)
-    granted = bool(facts.coalitions(request.activation).grants)
-    held = granted and task.in_doubt is InDoubtPolicy.HOLD
+    granted = bool(coalitions_of(facts, request.activation).grants)
+    held = granted and in_doubt_policy(task) is InDoubtPolicy.HOLD
     return held or 2 * present <= len(facts.mission.robots)
 
 
@@ -263,7 +264,7 @@ def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnati
     task = facts.mission.global_tasks[request.subject]
     for need in task.needs:
         results = facts.results(request.activation, need.local_task)
-        if task.by_coalition:  # one coalition does all of it, without robots that have failed
+        if task.joint is not None:  # one coalition does all of it, without robots that have failed
             results = {robot: False for robot, success in results.items() if not success}
         able = []
         for robot, incarnation in sorted(alive.items()):

@@ -42,7 +42,7 @@ def not_taken_off(run: RunFindings, agent: AgentView, claim: Claim) -> None:
     job = parse_activation(claim.activation).job
     if facts.jobs is not None and facts.jobs.hold_of(job) is Hold.NOW:
         return  # operators want it to end
-    if task.by_coalition or any(each.preemptive for each in facts.declared.all_tasks()):
+    if task.joint is not None or any(each.preemptive for each in facts.declared.all_tasks()):
         return  # the members of a coalition stop together
     if plan is None or plan.command is not TeamOrder.RESUME or agent.is_joining or agent.is_leaving:
         return
@@ -151,7 +151,7 @@ def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
     tasks, ungranted = agent.mission.global_tasks, run.may_lack_grants
     for each in agents:
         mine, claim = plan.assignments.get(each.robot), each.claim
-        if mine is not None and tasks[mine.global_task].exclusive and ungranted:
+        if mine is not None and tasks[mine.global_task].at_most_once and ungranted:
             continue
         wanted = (mine.activation, mine.local_task) if mine else None
         found = _place(claim) if claim and _is_at_work(each, plan, claim) else None

@@ -9,6 +9,7 @@ from typing import Any
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission
 from mrbt_mesh.features.bids.needs import by_bid
+from mrbt_mesh.features.exclusive.fields import is_simultaneous
 from mrbt_mesh.formats.mission_map import map_view
 from mrbt_mesh.views.model.job_types import job_types, submit_example
 
@@ -70,6 +71,6 @@ def _task(task: GlobalTask) -> dict[str, Any]:
             }
             for need in task.needs
         ],
-        "simultaneous": task.simultaneous,
-        "exclusive": task.exclusive,
+        "simultaneous": is_simultaneous(task),
+        "exclusive": task.at_most_once,
     }

@@ -84,7 +84,7 @@ class StepCheck:
         starts = [each for each in self._step if _is_start(each)]
         begun = [_place(each) for each in starts]
         for record, claim in self._claims:
-            if (claim.activation, claim.local_task, claim.coalition) not in begun:
+            if (claim.activation, claim.local_task, claim.party) not in begun:
                 text = f"its robot claims that it runs {claim.local_task}, and has not started it"
                 self._checked.add(record, text)
         self._check_states()

@@ -133,7 +133,7 @@ class WorkCheck:
         if (
             not isinstance(claim, Claim)
             or claim.phase is not phase
-            or (claim.activation, claim.local_task, claim.global_task, claim.coalition)
+            or (claim.activation, claim.local_task, claim.global_task, claim.party)
             != (*place, data["global_task"], data["coalition"])
         ):
             raise ValueError(f"{self._me} starts {_text(place)}, and claims something else")

@@ -10,7 +10,7 @@ from mrbt_mesh.core.membership.timing import Timing
 
 TIMING = Timing()
 BEAT_US = TIMING.heartbeat_us
-LEAST_US = (TIMING.lease_us - TIMING.hold_us) // 2
+LEAST_US = (TIMING.promise_us - TIMING.hold_us) // 2
 
 
 def heard(clocks: PeerClocks, ahead_us: int, at_us: int, process: str = "n") -> int:

@@ -19,10 +19,10 @@ from mrbt_mesh.core.membership.wire import (
     Header,
     Heartbeat,
     IncompatibleError,
-    LeaseGrant,
     MessageKind,
     Position,
     RecordingHead,
+    RequestAnswer,
     SelfReport,
     Suspicion,
     WireError,
@@ -57,7 +57,7 @@ beats = st.builds(
     ).map(tuple),
     st.dictionaries(robots, words, max_size=3),
     st.none() | st.tuples(st.text(max_size=8), st.text(max_size=8)),
-    st.lists(st.builds(LeaseGrant, st.text(max_size=8), robots, numbers), max_size=3).map(tuple),
+    st.lists(st.builds(RequestAnswer, st.text(max_size=8), robots, numbers), max_size=3).map(tuple),
     digests,
     st.none()
     | st.builds(

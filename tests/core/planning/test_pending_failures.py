@@ -9,9 +9,11 @@ import pytest
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
+from mrbt_mesh.core.mission.mission import FailurePolicy
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.features.constraints.kinds import SECTION, NeverTogether
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy
+from mrbt_mesh.features.exclusive.kinds import BROKEN, DOUBT, GRANT
 from tests.support.build import World, action, fallback, make_mission, task
 
 RESILIENT, PAPER = FailurePolicy.RESILIENT, FailurePolicy.PAPER
@@ -150,7 +152,7 @@ def test_a_coalition_needs_robots_that_have_never_failed() -> None:
     activation = world.activation("a")
     token = world.form(activation, "R1", "R2")
     world.end(activation, token, "R1", False, "a")
-    world.say(records.BROKEN, activation, token, "R2")
+    world.say(BROKEN, activation, token, "R2")
     assert pending(world) == []
     world.die("R2")
     assert pending(world) == [], "R3 and R4"
@@ -164,12 +166,12 @@ def test_what_is_in_doubt_follows_its_own_policy(in_doubt: InDoubtPolicy) -> Non
     activation = world.activation("a")
     first = world.form(activation, "R1")
     world.end(activation, first, "R1", False, "a")
-    world.say(records.BROKEN, activation, first, "R1")
+    world.say(BROKEN, activation, first, "R1")
     second = world.form(activation, "R2", since=2)
-    world.say(records.GRANT, activation, second, "R1", "R8", "R9")
+    world.say(GRANT, activation, second, "R1", "R8", "R9")
     world.die("R2")
     assert pending(world) == [], "it is out of reach, and may be at it"
-    world.say(records.DOUBT, activation, second, "R1", "R8", "R9")
+    world.say(DOUBT, activation, second, "R1", "R8", "R9")
     if in_doubt is InDoubtPolicy.FAIL:
         assert world.asked() == ["b"]
     else:
@@ -181,7 +183,7 @@ def test_a_minority_decides_nothing_about_what_is_exclusive() -> None:
     activation = world.activation("a")
     token = world.form(activation, "R1")
     world.end(activation, token, "R1", False, "a")
-    world.say(records.BROKEN, activation, token, "R1")
+    world.say(BROKEN, activation, token, "R1")
     world.die("R2")
     assert pending(world) == ["a"]
     world.die("R8")

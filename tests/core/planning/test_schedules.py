@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import ready_members
 from mrbt_mesh.core.facts.records import Proposal, ProposedStep
 from mrbt_mesh.core.facts.store import parse_entry
 from mrbt_mesh.core.facts.values import MAX_TEXT
@@ -20,7 +19,19 @@ from mrbt_mesh.core.planning.plan import RobotAssignment
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
 from mrbt_mesh.core.scheduling.problem import course_of
-from tests.support.build import World, action, make_mission, parallel, refusal, sequence, task
+from mrbt_mesh.features.exclusive.coalitions import ready_members
+from mrbt_mesh.features.exclusive.kinds import COALITION
+from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId
+from tests.support.build import (
+    World,
+    action,
+    jointly,
+    make_mission,
+    parallel,
+    refusal,
+    sequence,
+    task,
+)
 
 X = {"a": 0, "b": 10, "c": 20, "d": 30}
 
@@ -100,7 +111,7 @@ def test_robots_set_out_for_a_task_before_the_others_that_it_needs() -> None:
     tree = parallel(2, action("both"), action("long"))
     can = {"look": 1.0, "lift": 1.0}
     tasks = [task("long", ("look", 1, 1)), task("both", ("look", 1, 1), ("lift", 1, 1))]
-    tasks[1] = replace(tasks[1], simultaneous=True)
+    tasks[1] = replace(tasks[1], joint=jointly(simultaneous=True))
     mission = make_mission(tree, {"R1": can, "R2": can}, tasks)
     world = World(travelling(mission, {"look": "b", "lift": "b"}, {"R1": "a", "R2": "b"}))
     names = {each.request.subject: each.request.activation for each in ahead(world).opens}
@@ -235,13 +246,13 @@ class Team:
                 return True
             task = world.mission.global_tasks[each.global_task]
             if claim is None:
-                world.claim(robot, each.activation, each.local_task, not task.by_coalition)
+                world.claim(robot, each.activation, each.local_task, not (task.joint is not None))
                 return True
-            if claim.coalition:
-                token = records.CoalitionId.parse(claim.coalition)
+            if claim.party:
+                token = CoalitionId.parse(claim.party)
                 world.end(each.activation, token, robot, True, each.local_task)
                 return True
-            if not task.by_coalition:
+            if not (task.joint is not None):
                 world.outcome(each.activation, True, robot, each.local_task)
                 world.write(robot, (records.CLAIM, None))
                 return True
@@ -260,10 +271,10 @@ class Team:
         planned = {each.robot: each.local_task for each in members}
         for robot, local_task in planned.items():
             world.ready(robot, activation, local_task)
-        found = records.Coalition(tuple(ready_members(world.facts, activation, planned)))
+        found = Coalition(tuple(ready_members(world.facts, activation, planned)))
         leader = min(planned)
-        token = records.CoalitionId(1, leader, *world.alive[leader])
-        world.write(leader, (f"{records.COALITION}/{activation}/{token}", found))
+        token = CoalitionId(1, leader, *world.alive[leader])
+        world.write(leader, (f"{COALITION}/{activation}/{token}", found))
         for robot, local_task in planned.items():
             world.go(robot, activation, token, local_task)
 

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
-from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import LATCH
 from mrbt_mesh.core.facts.store import Version, parse_entry
 from mrbt_mesh.core.mission.mission import (
@@ -22,6 +21,7 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.features.bids.facts import NO_BIDS, bids_of
 from mrbt_mesh.features.bids.plan import LAST_RESORT, Bidding, biddings
+from mrbt_mesh.features.exclusive.kinds import BROKEN
 from tests.support.build import (
     World,
     action,
@@ -227,7 +227,7 @@ def test_coalitions_are_formed_of_the_best_bids(policies: dict[str, bool]) -> No
     world.die("A")
     world.join("A", world.mission.robots["A"].capabilities, life=2)
     assert who(world) == {"B": "fetch", "C": "fetch"}
-    world.say(records.BROKEN, activation, token, "B")
+    world.say(BROKEN, activation, token, "B")
     assert not bidding(world).is_open, "bids stand as long as their activation"
 
 

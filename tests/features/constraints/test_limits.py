@@ -14,7 +14,7 @@ from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import NodeSpec
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need, SameRobotAs
+from mrbt_mesh.core.mission.mission import FailurePolicy, Mission, Need, SameRobotAs
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.features.constraints.kinds import (
@@ -177,7 +177,7 @@ def pick_and_place(tree: NodeSpec, least: int = 1, **policies: Any) -> Mission:
     before = SameRobotAs("fetch", "pick")
     tasks = [
         task("fetch", ("pick", least, least)),
-        GlobalTask("bring", (Need("place", 1, 2, before),), **policies),
+        replace(task("bring", **policies), needs=(Need("place", 1, 2, before),)),
     ]
     return make_mission(tree, team("R1", "R2", "R3", can=("pick", "place")), tasks)
 

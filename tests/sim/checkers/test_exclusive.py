@@ -9,12 +9,14 @@ import pytest
 
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
-from mrbt_mesh.core.facts.records import CLAIM, GRANT, Claim, Phase
+from mrbt_mesh.core.facts.records import CLAIM, Claim, Phase
 from mrbt_mesh.core.facts.store import Entry, Version, parse_entry
-from mrbt_mesh.core.mission.mission import InDoubtPolicy
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy
+from mrbt_mesh.features.exclusive.kinds import GRANT
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.checkers.checkers import Checkers
 from tests.support import inside
+from tests.support.build import jointly
 from tests.support.checked_team import SECOND_US, Team
 from tests.support.runs import Run, example
 
@@ -25,7 +27,9 @@ class Dosing:
     def __init__(self, run: Run, in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD) -> None:
         mission, program = example("dispense")
         tasks = dict(mission.global_tasks)
-        tasks["dose(a)"] = dataclasses.replace(tasks["dose(a)"], in_doubt=in_doubt)
+        tasks["dose(a)"] = dataclasses.replace(
+            tasks["dose(a)"], joint=jointly(exclusive=True, in_doubt=in_doubt)
+        )
         result = simulate(mission, program, seed=1, timeout_us=SECOND_US)
         self.team = Team(agent for _, agent in sorted(result.agents.items()))
         self.team.mission = dataclasses.replace(mission, global_tasks=tasks)

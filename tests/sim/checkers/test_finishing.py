@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
-from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.mission.mission import FailurePolicy
+from mrbt_mesh.features.exclusive.kinds import DOUBT
 from mrbt_mesh.sim.checkers.finishing import MAX_EVALUATIONS, can_finish
 from tests.support.build import (
     World,
@@ -96,7 +96,7 @@ def test_what_is_exclusive_needs_a_majority_and_no_doubt() -> None:
     assert not finishes(world)
     doubted = world_of(action("a"), exclusive=True)
     token = doubted.form(activation, "R1")
-    doubted.say(records.DOUBT, activation, token, "R1", "R2", "R3")
+    doubted.say(DOUBT, activation, token, "R1", "R2", "R3")
     assert not finishes(doubted)
 
 

@@ -11,10 +11,11 @@ import pytest
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.agent.effects import CancelAction, Persist
 from mrbt_mesh.core.agent.inputs import TimerFired
-from mrbt_mesh.core.facts.records import BROKEN, OUTCOME, Claim, Phase, TeamOrder
+from mrbt_mesh.core.facts.records import OUTCOME, Claim, Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import KnownMember
 from mrbt_mesh.core.membership.joining import Joining
+from mrbt_mesh.features.exclusive.kinds import BROKEN
 from mrbt_mesh.sim import AgentOptions, simulate
 from mrbt_mesh.sim.checkers.findings import is_connected
 from tests.support import behaviour, inside

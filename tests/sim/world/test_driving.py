@@ -15,6 +15,7 @@ from mrbt_mesh.sim.run import SimulationResult, simulate
 from mrbt_mesh.sim.world.driving import Leg, duration_ms, legs_to, spot_after
 from mrbt_mesh.sim.world.faults import Kill, Lose, Restart
 from mrbt_mesh.sim.world.setup import FailureModel
+from tests.support.build import jointly
 from tests.support.depot import SECOND, depot, worker
 
 
@@ -69,7 +70,9 @@ def test_a_coalition_gathers_and_one_that_dies_on_its_way_is_replaced() -> None:
 @pytest.mark.parametrize("exclusive", [False, True])
 def test_a_robot_that_starts_again_goes_on_from_where_it_stopped(exclusive: bool) -> None:
     mission = depot("Sequence: [lift_at(b)]")
-    tasks = {n: replace(t, exclusive=exclusive) for n, t in mission.global_tasks.items()}
+    tasks = {
+        n: replace(t, joint=jointly(exclusive=exclusive)) for n, t in mission.global_tasks.items()
+    }
     mission = replace(mission, global_tasks=tasks)
     schedule = [(at_s * SECOND, Kill(robot)) for at_s, robot in ((1, "R2"), (1, "R3"))]
     schedule += [(4 * SECOND, Restart("R2"))]

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.features.exclusive.fields import in_doubt_policy, is_simultaneous
 from mrbt_mesh.sim.chaos.draw import ChaosKnobs, chaos, draw_knobs
 from mrbt_mesh.sim.chaos.generate import generate_mission
 from mrbt_mesh.sim.checkers.progress import is_endless
@@ -158,8 +159,12 @@ def test_generated_missions_have_everything_in_them() -> None:
     assert any(task.preemptive for task in tasks)
     assert {str(task.failure) for task in tasks} == {"paper", "resilient"}
     assert any(task.blocked_fail_after_us for task in tasks)
-    assert any(task.simultaneous for task in tasks)
-    assert {str(task.in_doubt) for task in tasks if task.exclusive} == {"hold", "fail", "retry"}
+    assert any(is_simultaneous(task) for task in tasks)
+    assert {str(in_doubt_policy(task)) for task in tasks if task.at_most_once} == {
+        "hold",
+        "fail",
+        "retry",
+    }
     assert any(len(task.needs) > 1 for task in tasks)
     assert any(task.failure_after_us for task in tasks)
     # Guards of several conditions, robots that always fail, capabilities lost before they are used.

@@ -28,7 +28,7 @@ OWN_FILES: Mapping[str, str] = {
     "bids": r"nothing",
     "constraints": r"nothing",
     "contact": r"nothing",
-    "exclusive": r"leases|coalitions|leased_start|coalition_start|coalition_begin",
+    "exclusive": r"nothing",
     "jobs": r"jobs?|job_\w+|jobs_on_disk",
     "keys": r"keys|envelope|sealing|signed_reports",
     "large_teams": r"ring",

@@ -9,22 +9,33 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.executor import Clearance, PlainStart, Situation
-from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import are_enough, coalition_at_work, ready_members
-from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
+from mrbt_mesh.core.agent.start_policy import Clearance, Situation, StartPolicy
+from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.feature import Part
+from mrbt_mesh.core.mission.mission import GlobalTask
 from mrbt_mesh.core.planning.plan import RobotAssignment
+from mrbt_mesh.features.exclusive.coalitions import (
+    coalition_at_work,
+    coalitions_of,
+    has_enough_members,
+    ready_members,
+)
+from mrbt_mesh.features.exclusive.kinds import COALITION
+from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId
 
 # A robot whose claim is in one of these phases has promised nothing to a coalition.
 _BEFORE = (Phase.CLAIMED, Phase.TRAVELLING)
 
 
-class CoalitionStart(PlainStart):
+class CoalitionStart(StartPolicy, Part):
     """Starts a robot together with the other members of its coalition."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
+
+    def start_policy(self, task: GlobalTask) -> StartPolicy | None:
+        return self if task.joint is not None and not task.at_most_once else None
 
     @property
     def needs_ready(self) -> bool:
@@ -46,11 +57,11 @@ class CoalitionStart(PlainStart):
             if each.activation == assignment.activation
         }
         members = ready_members(facts, assignment.activation, planned)
-        if not are_enough(facts.task(claim.activation), members):
+        if not has_enough_members(facts.task(claim.activation), members):
             return None
         if len(members) < len(planned) and not (is_grace_over and self._all_are_there(planned)):
             return None  # the others may be ready in a moment
-        name = f"{records.COALITION}/{assignment.activation}/{token}"
+        name = f"{COALITION}/{assignment.activation}/{token}"
         return Clearance(str(token), ((name, Coalition(tuple(members))),))
 
     def _all_are_there(self, robots: Iterable[str]) -> bool:
@@ -65,7 +76,7 @@ class CoalitionStart(PlainStart):
         if token is None or not self.may_work(activation, token, now_us):
             return None
         mine = (claim.since, context.me, context.replica.incarnation)
-        for member in facts.coalitions(activation).members[token]:
+        for member in coalitions_of(facts, activation).members[token]:
             if (member.since, member.robot, Incarnation(member.counter, member.nonce)) == mine:
                 return Clearance(str(token))
         return None
@@ -79,8 +90,8 @@ class CoalitionStart(PlainStart):
         context, facts, leader = self._context, self._context.facts, assignment.leader
         if not leader or claim.phase in _BEFORE:
             return None
-        if claim.coalition:
-            return CoalitionId.parse(claim.coalition)
+        if claim.party:
+            return CoalitionId.parse(claim.party)
         if leader == context.me:
             return CoalitionId(claim.since, context.me, *context.replica.incarnation)
         leaders = facts.valid_claim(leader)

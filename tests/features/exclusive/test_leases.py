@@ -9,19 +9,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.store import Fact, Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.peer_clocks import PeerClocks
 from mrbt_mesh.core.membership.replica import Durability
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, SelfReport
-from mrbt_mesh.core.mission.mission import InDoubtPolicy, Mission
+from mrbt_mesh.core.membership.wire import Heartbeat, RequestAnswer, SelfReport
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy
+from mrbt_mesh.features.exclusive.leases import Leases
+from mrbt_mesh.features.exclusive.records import CoalitionId
 from tests.support.build import RUN, action, make_mission, task
 
 TIMING = Timing()
-LEASE_US = TIMING.lease_us
+LEASE_US = TIMING.promise_us
 NAME = "r1:0:dose::0"
 TOKENS = {robot: CoalitionId(7, robot, 1, "n") for robot in "ABCDE"}
 
@@ -159,7 +160,7 @@ def test_the_holder_counts_from_when_it_asked_and_for_less_than_the_lease() -> N
     assert a.holds(TIMING.hold_us - 1)
     assert not a.holds(TIMING.hold_us)
     b.pass_to(LEASE_US + 499_999)
-    assert [grant.coalition for grant in b.grants.grantor.grants()] == [str(TOKENS["A"])]
+    assert [grant.party for grant in b.grants.grantor.grants()] == [str(TOKENS["A"])]
     b.pass_to(LEASE_US + 500_000)
     assert b.grants.grantor.grants() == ()
     assert b.facts.map.get("B", f"doubt/{NAME}/{TOKENS['A']}") is not None
@@ -243,7 +244,7 @@ def test_robots_that_the_mission_does_not_name_grant_nothing() -> None:
 
 
 def grants_of(member: str, number: int) -> Heartbeat:
-    granted = (LeaseGrant(str(TOKENS[member]), member, number),)
+    granted = (RequestAnswer(str(TOKENS[member]), member, number),)
     return Heartbeat(
         SelfReport(Incarnation(1, "n"), 1, b"", True, 0),
         False, b"", (0, 0, 0, 0), 0, (), {}, None, granted,

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import coalition_at_work, newly_broken
-from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DECISION, DOUBT, GRANT, CoalitionId
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
-from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
+from mrbt_mesh.core.mission.mission import FailurePolicy
+from mrbt_mesh.features.exclusive.coalitions import coalition_at_work, newly_broken
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy
+from mrbt_mesh.features.exclusive.kinds import BROKEN, CLEARED, DECISION, DOUBT, GRANT
+from mrbt_mesh.features.exclusive.records import CoalitionId
 from tests.support.build import World, action, fallback, make_mission, refusal, sequence, task
 
 COVER = "r1:0:cover::0"

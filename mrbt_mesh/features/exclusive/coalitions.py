@@ -5,7 +5,7 @@ robot that the plan assigns to the activation, writes down the robots that are r
 them start. A coalition has succeeded once every local task has nu successes *of its members*. If a
 member drops out and too few are left, it is broken: the rest stop, and a new one is formed.
 
-For an exclusive task a coalition needs the leases of a majority (`membership.leases`). One that had
+For an exclusive task a coalition needs the leases of a majority (`leases`). One that had
 a lease and ended without outcomes leaves the activation in doubt.
 """
 
@@ -13,33 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from operator import itemgetter
 
-from mrbt_mesh.core.facts.records import (
-    BROKEN,
-    CLAIM,
-    CLEARED,
-    DOUBT,
-    GRANT,
-    Claim,
-    Coalition,
-    CoalitionId,
-    CoalitionMember,
-    Decision,
-    OperatorCommand,
-    Phase,
-)
-from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation, Version
-from mrbt_mesh.core.mission.mission import GlobalTask
-
-
-def majority(grantors: Collection[str]) -> int:
-    """The number of leases that a coalition needs."""
-    return len(grantors) // 2 + 1
+from mrbt_mesh.core.facts.records import CLAIM, Claim, OperatorCommand, Phase
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
+from mrbt_mesh.core.facts.task_status import TeamMembers, are_enough
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.feature import JointFacts
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Need, majority
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy, in_doubt_policy
+from mrbt_mesh.features.exclusive.kinds import BROKEN, CLEARED, DOUBT, GRANT, Decision
+from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId, CoalitionMember
 
 
 @dataclass(slots=True)
-class Coalitions:
+class Coalitions(JointFacts):
     """The facts about one activation's coalitions, by their ids.
 
     `outcomes`: by coalition, local task and robot. `broken`, `grants`, `doubts` and `cleared`:
@@ -56,8 +44,8 @@ class Coalitions:
     cleared: dict[CoalitionId, set[str]] = field(default_factory=dict)
     decisions: dict[CoalitionId, Decision] = field(default_factory=dict)
 
-    def add(self, kind: str, coalition: CoalitionId, entry: Entry) -> None:
-        """Add a fact about a coalition."""
+    def add(self, entry: Entry) -> None:
+        kind, coalition = entry.parts[0], CoalitionId.parse(entry.parts[2])
         if isinstance(entry.record, Coalition):
             self.members[coalition] = entry.record.members
         elif isinstance(entry.record, OperatorCommand):
@@ -68,12 +56,83 @@ class Coalitions:
             latches = {BROKEN: self.broken, GRANT: self.grants, CLEARED: self.cleared}
             latches[kind].setdefault(coalition, set()).add(entry.author)
 
+    def stamp_of(self, entry: Entry) -> int:
+        return CoalitionId.parse(entry.parts[2]).since
+
     def add_outcome(
-        self, coalition: CoalitionId, local_task: str, robot: str, success: bool, version: Version
+        self, party: str, local_task: str, robot: str, success: bool, version: Version
     ) -> None:
-        """Add a member's outcome of a local task."""
+        coalition = CoalitionId.parse(party)
         self.outcomes.setdefault(coalition, {}).setdefault(local_task, {})[robot] = success
         self.ended.setdefault(coalition, {})[robot] = version
+
+    # -- how the activation ends --------------------------------------------------------------
+
+    @property
+    def has_outcome(self) -> bool:
+        return bool(self.outcomes)
+
+    @property
+    def has_success(self) -> bool:
+        ends = (each for found in self.outcomes.values() for each in found.values())
+        return any(success for each in ends for success in each.values())
+
+    @property
+    def verdict(self) -> bool | None:
+        decisions = self.decisions.values()
+        if Decision.DONE in decisions:
+            return True
+        return False if Decision.FAILED in decisions else None
+
+    def has_succeeded(self, task: GlobalTask) -> bool:
+        """True if one coalition has succeeded, or an operator says that the task is done."""
+        enough = any(are_enough(task, found) for found in self.outcomes.values())
+        return enough or self.verdict is True
+
+    def has_failed(self, task: GlobalTask, team: TeamMembers) -> bool:
+        """True if one need has failed, or the activation is in doubt and the mission fails it then;
+        or an operator says that it has failed.
+        """
+        if self.verdict is False:
+            return True
+        fails = in_doubt_policy(task) is InDoubtPolicy.FAIL
+        if fails and self.in_doubt(team.declared.robot_ids):
+            return True
+        return any(self._need_failed(task, need, team) for need in task.needs)
+
+    def _need_failed(self, task: GlobalTask, need: Need, team: TeamMembers) -> bool:
+        """True if a robot has failed and the failure policy counts that as a failure of the need.
+
+        - `first`: nu is above 0;
+        - `paper`: in one coalition the failures exceed its members - nu;
+        - others: fewer than nu robots, dead or not, have not failed in any coalition.
+        """
+        failed = self.failed_robots(need.local_task)
+        if not failed or task.failure is FailurePolicy.FIRST:
+            return bool(failed) and need.min_robots > 0
+        if task.failure is not FailurePolicy.PAPER:
+            return len(set(team.robots_with(need.local_task)) - failed) < need.min_robots
+        for coalition, members in self.members.items():
+            there = [member for member in members if member.local_task == need.local_task]
+            ends = [self.outcome(coalition, member) for member in there]
+            if ends.count(False) > len(ends) - need.min_robots:
+                return True
+        return False
+
+    def results(self, local_task: str, team: TeamMembers) -> Mapping[str, bool]:
+        """The failures in all coalitions, and the successes in the first one that has not ended."""
+        unended = self.unended(team.declared.robot_ids)
+        ends = self.outcomes.get(unended[0], {}) if unended else {}
+        return dict.fromkeys(self.failed_robots(local_task), False) | {
+            robot: True for robot, success in ends.get(local_task, {}).items() if success
+        }
+
+    def may_be_done(self) -> bool:
+        if self.verdict is True or not self.grants:
+            return self.verdict is True
+        return self.has_success or any(map(self.is_open, self.grants))
+
+    # -- one coalition ------------------------------------------------------------------------
 
     def outcome(self, coalition: CoalitionId, member: CoalitionMember) -> bool | None:
         """A member's success or failure, None while it has neither."""
@@ -135,18 +194,26 @@ class Coalitions:
         return sum(at_work is None or coalition < at_work for coalition in ended)
 
 
-class CoalitionFacts(Protocol):
-    """The part of the team's facts that the functions below read."""
+def grantors(facts: TeamFacts) -> frozenset[str]:
+    """The robots whose majority leases an exclusive task: all that the mission names."""
+    return facts.declared.robot_ids
 
-    @property
-    def map(self) -> FactMap: ...
-    @property
-    def grantors(self) -> frozenset[str]: ...
-    def coalitions(self, activation: str) -> Coalitions: ...
+
+def coalitions_of(facts: TeamFacts, activation: str) -> Coalitions:
+    """What is known of the coalitions of one activation."""
+    found = facts.joint(activation)
+    return found if isinstance(found, Coalitions) else Coalitions()
+
+
+def granted(facts: TeamFacts) -> list[tuple[str, Coalitions]]:
+    """The activations for which some robot has granted a lease, sorted by name."""
+    joint = ((name, said.joint) for name, said in facts.activations.items())
+    known = ((name, found) for name, found in joint if isinstance(found, Coalitions))
+    return sorted(((n, found) for n, found in known if found.grants), key=itemgetter(0))
 
 
 def is_still_in(
-    facts: CoalitionFacts, coalition: CoalitionId, member: CoalitionMember, activation: str
+    facts: TeamFacts, coalition: CoalitionId, member: CoalitionMember, activation: str
 ) -> bool:
     """True if a member without an outcome still holds the claim with which it was ready.
 
@@ -161,26 +228,26 @@ def is_still_in(
         entry.version.incarnation == listed.incarnation
         and isinstance(claim, Claim)
         and (claim.activation, claim.since) == (activation, member.since)
-        and claim.coalition in ("", str(coalition))
+        and claim.party in ("", str(coalition))
     )
 
 
 def coalition_at_work(
-    facts: CoalitionFacts, task: GlobalTask, activation: str, alive: Mapping[str, Incarnation]
+    facts: TeamFacts, task: GlobalTask, activation: str, alive: Mapping[str, Incarnation]
 ) -> CoalitionId | None:
     """The first coalition, in canonical order, that has enough members left.
 
     There may be two after a partition has healed. A coalition of an exclusive task stays until its
     leases have expired, since it may be at work out of reach.
     """
-    for coalition in facts.coalitions(activation).unended(facts.grantors):
-        if task.exclusive or _has_enough(facts, task, activation, coalition, alive):
+    for coalition in coalitions_of(facts, activation).unended(grantors(facts)):
+        if task.at_most_once or _has_enough(facts, task, activation, coalition, alive):
             return coalition
     return None
 
 
 def newly_broken(
-    facts: CoalitionFacts,
+    facts: TeamFacts,
     task: GlobalTask,
     activation: str,
     alive: Mapping[str, Incarnation],
@@ -191,10 +258,10 @@ def newly_broken(
     Only members consider the alive set: a coalition out of other robots' reach may still be at
     work.
     """
-    found = facts.coalitions(activation)
+    found = coalitions_of(facts, activation)
     at_work = coalition_at_work(facts, task, activation, alive)
     broken = []
-    for coalition in found.unended(facts.grantors):
+    for coalition in found.unended(grantors(facts)):
         is_member = any(member.robot == me for member in found.members[coalition])
         known_alive = alive if is_member else None
         has_enough = _has_enough(facts, task, activation, coalition, known_alive)
@@ -204,7 +271,7 @@ def newly_broken(
 
 
 def _has_enough(
-    facts: CoalitionFacts,
+    facts: TeamFacts,
     task: GlobalTask,
     activation: str,
     coalition: CoalitionId,
@@ -214,7 +281,7 @@ def _has_enough(
 
     `alive` None: dead or not.
     """
-    found = facts.coalitions(activation)
+    found = coalitions_of(facts, activation)
     left = dict.fromkeys((need.local_task for need in task.needs), 0)
     for member in found.members[coalition]:
         outcome = found.outcome(coalition, member)
@@ -226,7 +293,7 @@ def _has_enough(
 
 
 def ready_members(
-    facts: CoalitionFacts, activation: str, robots: Mapping[str, str]
+    facts: TeamFacts, activation: str, robots: Mapping[str, str]
 ) -> list[CoalitionMember]:
     """Return the robots (robot -> local task) that are ready for this activation, sorted by id."""
     ready = []
@@ -245,7 +312,7 @@ def ready_members(
     return ready
 
 
-def are_enough(task: GlobalTask, members: Collection[CoalitionMember]) -> bool:
+def has_enough_members(task: GlobalTask, members: Collection[CoalitionMember]) -> bool:
     """True if there are nu members for each local task."""
     tasks = [member.local_task for member in members]
     return all(tasks.count(need.local_task) >= need.min_robots for need in task.needs)

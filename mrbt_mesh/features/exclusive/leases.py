@@ -7,7 +7,7 @@ of the holder's heartbeat.
 
 - Any two majorities share a grantor, and a grantor leases an activation to one coalition at a time,
   so two coalitions never hold it together.
-- A lease expires `lease_us` after the last request for it arrived, on the grantor's clock. The
+- A lease expires `promise_us` after the last request for it arrived, on the grantor's clock. The
   holder counts a shorter time (`hold_us`), starting when it *sent* that request, so it stops first.
 - If the holder's clock stood still, the grantor's did not: once the holder hears the grantor's
   clock, it ages that grantor's confirmations by the difference (`peer_clocks`).
@@ -26,19 +26,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.facts.records import LATCH, CoalitionId
+from mrbt_mesh.core.facts.records import LATCH
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.peer_clocks import PeerClocks
 from mrbt_mesh.core.membership.replica import Durability
 from mrbt_mesh.core.membership.timing import NEVER_US, Timing
-from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
-from mrbt_mesh.core.mission.mission import InDoubtPolicy
+from mrbt_mesh.core.membership.wire import Heartbeat, Request, RequestAnswer
+from mrbt_mesh.core.mission.mission import majority
+from mrbt_mesh.features.exclusive.coalitions import coalitions_of, granted, grantors
+from mrbt_mesh.features.exclusive.fields import InDoubtPolicy, in_doubt_policy
+from mrbt_mesh.features.exclusive.kinds import DOUBT, GRANT
+from mrbt_mesh.features.exclusive.records import CoalitionId
 
-# An activation, and the id of the coalition that needs a lease of it, as text.
-Request: TypeAlias = tuple[str, str]
 # True if the robot's own view allows giving an activation to a coalition.
 MayGrant: TypeAlias = Callable[[str, CoalitionId], bool]
 
@@ -69,7 +69,7 @@ class LeaseHolder:
     def resume(self, activation: str, coalition: CoalitionId, now_us: int) -> None:
         """Hold the leases of one coalition, as if all grantors had just renewed them."""
         self.request(activation, coalition)
-        self._confirmed_us = dict.fromkeys(self._facts.grantors, now_us)
+        self._confirmed_us = dict.fromkeys(grantors(self._facts), now_us)
 
     def held_until_us(self) -> int:
         """When a majority's leases expire, by this robot's own count; 0: there is no majority."""
@@ -88,14 +88,14 @@ class LeaseHolder:
             heard_us = self._clocks.heard_us(grantor)
             if heard_us is not None and self._clocks.is_calm(grantor, sent_us):
                 known_us.append(heard_us)
-        if me in self._facts.grantors:
+        if me in grantors(self._facts):
             known_us.append(NEVER_US)
         newest_us = self._newest_of_majority(known_us)
         return 0 if newest_us is None else newest_us + self._timing.news_us
 
     def _newest_of_majority(self, times_us: list[int]) -> int | None:
         """Return the latest time that a majority has reached, None if there is no majority."""
-        needed = majority(self._facts.grantors)
+        needed = majority(grantors(self._facts))
         return sorted(times_us, reverse=True)[needed - 1] if len(times_us) >= needed else None
 
     def is_held(self, activation: str, coalition: CoalitionId, now_us: int) -> bool:
@@ -112,10 +112,10 @@ class LeaseHolder:
         for old in [each for each, at_us in self._sent_us.items() if at_us + hold_us < now_us]:
             del self._sent_us[old]
 
-    def confirm(self, grantor: str, grant: LeaseGrant) -> None:
+    def confirm(self, grantor: str, grant: RequestAnswer) -> None:
         """Process a grantor's answer to one of this robot's heartbeats."""
         sent_us = self._sent_us.get(grant.number)
-        if self.requested is None or grant.coalition != self.requested[1] or sent_us is None:
+        if self.requested is None or grant.party != self.requested[1] or sent_us is None:
             return
         self._confirmed_us[grantor] = max(self._confirmed_us.get(grantor, sent_us), sent_us)
 
@@ -149,7 +149,7 @@ class LeaseGrantor:
         # By activation.
         self._leases: dict[str, _Lease] = {}
         # A robot that has just started may have granted something in an earlier incarnation.
-        self._silent_until_us = now_us + timing.lease_us
+        self._silent_until_us = now_us + timing.promise_us
 
     def end_silence(self) -> None:
         """End the initial silence: no robot of the mission knows an earlier life of this one."""
@@ -179,15 +179,15 @@ class LeaseGrantor:
         if lease is not None and lease.is_own:
             self._renew(lease, member, number, now_us)
             return []
-        if self._me not in self._facts.grantors or now_us < self._silent_until_us:
+        if self._me not in grantors(self._facts) or now_us < self._silent_until_us:
             return []
         if not self._durability.may_promise:
             return []
         if not may_grant(activation, coalition) or not self._is_free(activation, coalition):
             return []
-        expires_us = now_us + self._timing.lease_us
+        expires_us = now_us + self._timing.promise_us
         self._leases[activation] = _Lease(coalition, expires_us, True, {member: number})
-        return [(f"{records.GRANT}/{activation}/{coalition}", LATCH)]
+        return [(f"{GRANT}/{activation}/{coalition}", LATCH)]
 
     def written(self, number: int) -> None:
         """Note that the grants returned last have been written, under this number."""
@@ -199,7 +199,7 @@ class LeaseGrantor:
         """Renew a lease unless it has expired: its end is, or is about to become, a fact."""
         if now_us < lease.expires_us:
             lease.answers[member] = max(number, lease.answers.get(member, 0))
-            lease.expires_us = now_us + self._timing.lease_us
+            lease.expires_us = now_us + self._timing.promise_us
 
     def _is_free(self, activation: str, coalition: CoalitionId) -> bool:
         """True if nothing that this robot has granted or doubted conflicts with this coalition.
@@ -207,21 +207,21 @@ class LeaseGrantor:
         A coalition that may have left the work half done excludes every other for good, unless the
         task is to be retried.
         """
-        found = self._facts.coalitions(activation)
+        found = coalitions_of(self._facts, activation)
         if coalition in found.broken or coalition in found.doubts:
             return False
         if found.may_begin_again(coalition):
             return False
         task = self._facts.task_of(activation)
-        if task is None or task.in_doubt is InDoubtPolicy.RETRY:
+        if task is None or in_doubt_policy(task) is InDoubtPolicy.RETRY:
             return True
         own = (other for other in found.grants if self._me in found.grants[other])
         return not any(found.is_open(other) for other in own if other != coalition)
 
-    def grants(self) -> tuple[LeaseGrant, ...]:
+    def grants(self) -> tuple[RequestAnswer, ...]:
         """The answers that this robot's next heartbeat carries."""
         return tuple(
-            LeaseGrant(str(lease.coalition), member, lease.answers[member])
+            RequestAnswer(str(lease.coalition), member, lease.answers[member])
             for _, lease in sorted(self._leases.items())
             if lease.number is not None and self._durability.is_on_disk(lease.number)
             for member in sorted(lease.answers)
@@ -232,7 +232,7 @@ class LeaseGrantor:
         self._watch_others(now_us)
         writes: list[Fact] = []
         for activation, lease in sorted(self._leases.items()):
-            found, coalition = self._facts.coalitions(activation), lease.coalition
+            found, coalition = coalitions_of(self._facts, activation), lease.coalition
             never_began = coalition.leader in found.cleared.get(coalition, ())
             # Facts about activations that are out of reach are forgotten, and the lease with them.
             is_forgotten = coalition not in found.grants
@@ -241,7 +241,7 @@ class LeaseGrantor:
             elif now_us >= lease.expires_us:
                 del self._leases[activation]
                 if self._me not in found.doubts.get(coalition, ()):
-                    writes.append((f"{records.DOUBT}/{activation}/{coalition}", LATCH))
+                    writes.append((f"{DOUBT}/{activation}/{coalition}", LATCH))
         return writes
 
     def _watch_others(self, now_us: int) -> None:
@@ -250,15 +250,15 @@ class LeaseGrantor:
         If they vanish, this robot's doubt counts too. Includes its own grants of an earlier
         incarnation.
         """
-        if self._me not in self._facts.grantors:
+        if self._me not in grantors(self._facts):
             return
-        for activation, found in self._facts.granted():
+        for activation, found in granted(self._facts):
             if activation in self._leases:
                 continue
             for coalition in sorted(found.grants):
                 if found.is_open(coalition) and self._me not in found.doubts.get(coalition, ()):
                     is_own = self._me in found.grants[coalition]
-                    expires_us = now_us + self._timing.lease_us
+                    expires_us = now_us + self._timing.promise_us
                     self._leases[activation] = _Lease(coalition, expires_us, is_own, number=0)
                     break
 
@@ -302,16 +302,16 @@ class Leases:
         self, robot: str, heartbeat: Heartbeat, now_us: int, may_grant: MayGrant
     ) -> list[Fact]:
         """Process another robot's heartbeat: its answers to this robot, and its own request."""
-        if robot in self._facts.grantors:
-            self._confirm(robot, heartbeat.lease_grants)
-        request, report = heartbeat.lease_request, heartbeat.report
+        if robot in grantors(self._facts):
+            self._confirm(robot, heartbeat.answers)
+        request, report = heartbeat.request, heartbeat.report
         if request is None or not report.has_joined:
             return []
         return self.grantor.answer_request(robot, report.number, request, now_us, may_grant)
 
-    def _confirm(self, grantor: str, grants: tuple[LeaseGrant, ...]) -> None:
+    def _confirm(self, grantor: str, grants: tuple[RequestAnswer, ...]) -> None:
         for grant in grants:
-            if grant.member == self._me:
+            if grant.robot == self._me:
                 self.holder.confirm(grantor, grant)
 
     @property
