@@ -541,6 +541,10 @@ class Feature:
         """
         return True
 
+    def awaits_operator(self, facts: TeamFacts, request: TreeRequest) -> bool:
+        """Whether a request may wait for an operator though robots could serve it. For checkers."""
+        return False
+
     def checkers(self, run: RunFindings) -> Sequence[FeatureChecker]:
         """Checkers of the invariants that the feature promises."""
         return ()

@@ -21,7 +21,7 @@ from mrbt_mesh.core.feature import JointFacts, features
 Outcomes: TypeAlias = Mapping[str, Mapping[str, bool]]
 # The feature that has facts about parties, and the kinds of these.
 OF_PARTIES = next((feature for feature in features() if feature.has_joint_facts), None)
-_PARTY_KINDS = frozenset(OF_PARTIES.activation_kinds() if OF_PARTIES is not None else ())
+PARTY_KINDS = frozenset(OF_PARTIES.activation_kinds() if OF_PARTIES is not None else ())
 
 
 @dataclass(slots=True)
@@ -49,7 +49,7 @@ class ActivationFacts:
         self.keys[entry.author, entry.name] = None
         parts, record = entry.parts, entry.record
         kind = parts[0]
-        if kind in _PARTY_KINDS:
+        if kind in PARTY_KINDS:
             self._with_joint().add(entry)
         elif isinstance(record, Outcome):
             self.add_outcome(parts, entry.author, record.success, entry.version)
@@ -85,7 +85,7 @@ class ActivationFacts:
 
     def stamp_of(self, entry: Entry) -> int:
         """The Lamport stamp in the name of one of its entries; 0 if it has none."""
-        if self.joint is None or entry.parts[0] not in _PARTY_KINDS:
+        if self.joint is None or entry.parts[0] not in PARTY_KINDS:
             return 0
         return self.joint.stamp_of(entry)
 

@@ -21,6 +21,7 @@ from mrbt_mesh.features.exclusive.kinds import (
 from mrbt_mesh.features.exclusive.policy import CoalitionPolicy
 
 if TYPE_CHECKING:
+    from mrbt_mesh.core.bt.evaluation import Request
     from mrbt_mesh.core.facts.records import Record
     from mrbt_mesh.core.facts.store import Entry
     from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from mrbt_mesh.features.exclusive.coalitions import Coalitions
     from mrbt_mesh.formats.mission_model import GlobalTaskModel
     from mrbt_mesh.formats.problems import Report, SourcePath
+    from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
+    from mrbt_mesh.sim.checkers.findings import RunFindings
 
 # How operators consent to exclusive tasks that are begun again, on the command line.
 REPEAT = "--repeat-exclusive"
@@ -100,6 +103,16 @@ class ExclusiveTasks(Feature):
         from mrbt_mesh.features.exclusive.parts import parts
 
         return parts(kit, joint, before, now_us)
+
+    def awaits_operator(self, facts: TeamFacts, request: Request) -> bool:
+        from mrbt_mesh.features.exclusive.demands import awaits_operator
+
+        return awaits_operator(facts, request)
+
+    def checkers(self, run: RunFindings) -> Sequence[FeatureChecker]:
+        from mrbt_mesh.features.exclusive.checker import BegunOnce, BegunTogether
+
+        return BegunOnce(run), BegunTogether(run)
 
 
 FEATURE = ExclusiveTasks()

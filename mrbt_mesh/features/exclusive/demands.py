@@ -17,7 +17,7 @@ from mrbt_mesh.features.exclusive.coalitions import (
     grantors,
     is_still_in,
 )
-from mrbt_mesh.features.exclusive.fields import CoalitionFields, InDoubtPolicy
+from mrbt_mesh.features.exclusive.fields import CoalitionFields, InDoubtPolicy, in_doubt_policy
 from mrbt_mesh.features.exclusive.records import CoalitionId
 
 JOURNALS = " whose journals can be written"
@@ -122,3 +122,10 @@ def would_help(
     present = [r for r in here if r in named and r in facts.members]
     granting = sum(facts.members[robot].member.may_promise for robot in present)
     return named, majority(named) - granting
+
+
+def awaits_operator(facts: TeamFacts, request: Request) -> bool:
+    """Whether a request was granted and is held in doubt, or will be."""
+    task = facts.mission.global_tasks[request.subject]
+    is_held = in_doubt_policy(task) is InDoubtPolicy.HOLD
+    return task.at_most_once and is_held and bool(coalitions_of(facts, request.activation).grants)

@@ -17,9 +17,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.sim.checkers.coalitions import BegunTogether
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
-from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import (
     Delivery,
     NothingUndone,
@@ -64,13 +62,11 @@ class Checkers(Inspection):
         self.delivery = Delivery(self.run)
         self.i3 = NothingUndone(self.run)
         self.renewals = Renewals(self.run)
-        self.together = BegunTogether(self.run)
-        self.i5 = Exclusive(self.run)
         self.i6 = Progress(self.run)
         self.i9 = Resumption(self.run)
         self.i10 = KeptJobs(self.run)
         self.i11 = Revised(self.run)
-        self._of_features = FeatureCheckers(self.run)
+        self.of_features = FeatureCheckers(self.run)
         self._log = EffectLog(keep_log)
         self.effect_log = self._log.lines
         if comparison is not None:
@@ -91,7 +87,7 @@ class Checkers(Inspection):
         self.i9.booted(process, process.agent.view)
 
     def synced(self, process: SimProcess, changes: Changes) -> None:
-        self.i5.synced(process, changes)
+        self.of_features.synced(process, changes)
         self.i9.synced(process, changes)
         self.i10.synced(process, changes)
 
@@ -108,7 +104,7 @@ class Checkers(Inspection):
     def handling(self, process: SimProcess, event: Input) -> None:
         assert process.agent is not None
         agent = process.agent.view
-        self.i5.handling(process, agent, event)
+        self.of_features.handling(process, agent, event)
         self.i6.finishing(agent, event)
         self.i11.handling(agent)
         self._claim, action = agent.claim, agent.action
@@ -139,22 +135,21 @@ class Checkers(Inspection):
                 able_to_start(run, agent, effect)
                 same_arguments(run, agent, effect)
                 self.i11.started(agent, effect)
-                self.together.started(agent, effect)
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)
-                    self._of_features.started(agent, effect)
+                    self.of_features.started(agent, effect)
         claim = agent.claim
         if claim is not None and (before is None or claim.activation != before.activation):
-            self._of_features.claimed(agent, claim)
+            self.of_features.claimed(agent, claim)
         if effects:
-            self.i5.handled(process, effects)
+            self.of_features.handled(process, effects)
             self.i6.handled(agent, effects)
             self.i9.handled(process, event, effects)
             self.i10.handled(process, agent, effects)
         self.i3.check(process, agent)
         self.renewals.check(process, agent)
-        self.together.check(agent)
+        self.of_features.stepped(agent)
         self.i11.handled(agent)
 
     def sample(self) -> None:
@@ -190,7 +185,7 @@ class Checkers(Inspection):
         still_us = now_us - max(run.changed_us, quiet_us)
         if still_us > repair_us:
             no_difference(run, agents)
-            if agree and still_us > repair_us + self.i5.wait_us:
+            if agree and still_us > repair_us + self.of_features.wait_us:
                 plan_is_carried_out(run, agents)
 
     def ended(self, outlived: bool, timed_out: bool) -> None:
@@ -198,5 +193,6 @@ class Checkers(Inspection):
             self.i6.never_stopped()
         if timed_out:
             self.i6.timed_out()
-        self.done_twice, self.exclusive_done_twice = self.i6.done_twice, self.i5.done_twice
+        self.done_twice = self.i6.done_twice
+        self.exclusive_done_twice = self.of_features.done_twice
         self.effect_log_digest = self._log.digest

@@ -12,6 +12,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind
+from mrbt_mesh.core.facts.activation_facts import PARTY_KINDS
 from mrbt_mesh.core.facts.records import (
     Attempt,
     ConditionValue,
@@ -23,7 +24,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.feature import used
+from mrbt_mesh.core.feature import features, used
 from mrbt_mesh.core.mission.mission import (
     MICRO,
     Mission,
@@ -31,9 +32,6 @@ from mrbt_mesh.core.mission.mission import (
     Need,
     performance,
 )
-from mrbt_mesh.features.exclusive.coalitions import coalitions_of
-from mrbt_mesh.features.exclusive.fields import InDoubtPolicy, in_doubt_policy
-from mrbt_mesh.features.exclusive.kinds import COALITION_KINDS
 from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.checkers.finishing import can_finish
@@ -81,7 +79,7 @@ class Progress:
                     self._longest_us = max(self._longest_us, longest)
 
     def _is_progress(self, entry: Entry) -> bool:
-        """Whether an entry is new work: not a coalition that forms, breaks or repeats another's."""
+        """Whether an entry is new work: not a party that forms, breaks or repeats another's."""
         kind, *scope = entry.parts
         if isinstance(entry.record, Outcome):
             done = (entry.author, *scope[:2], entry.record.success)
@@ -89,7 +87,7 @@ class Progress:
             self._done.add(done)
             return is_new
         kinds = (Attempt, Latch, ConditionValue)
-        return isinstance(entry.record, kinds) and kind not in COALITION_KINDS
+        return isinstance(entry.record, kinds) and kind not in PARTY_KINDS
 
     def finishing(self, agent: AgentView, event: Input) -> None:
         """Before a step: an action is about to end."""
@@ -230,8 +228,8 @@ def servable(agent: AgentView, alive: Mapping[str, Incarnation]) -> str | None:
 
 
 def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
-    """Whether a task waits for the blackboard, or operators hold its job, or an exclusive one lacks
-    a living majority, or is held in doubt after a grant.
+    """Whether a task waits for the blackboard, for an operator, or, if it is done at most once, for
+    a living majority.
     """
     job = parse_activation(request.activation).job
     if job and facts.jobs is not None and facts.jobs.hold_of(job) is not Hold.RELEASED:
@@ -239,12 +237,10 @@ def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarna
     task = facts.mission.global_tasks[request.subject]
     if task.reads and None in facts.values_read(request.activation, task):
         return True
-    if not task.at_most_once:
-        return False
+    if any(feature.awaits_operator(facts, request) for feature in features()):
+        return True
     present = sum(robot in facts.mission.robots for robot in alive)
-    granted = bool(coalitions_of(facts, request.activation).grants)
-    held = granted and in_doubt_policy(task) is InDoubtPolicy.HOLD
-    return held or 2 * present <= len(facts.mission.robots)
+    return task.at_most_once and 2 * present <= len(facts.mission.robots)
 
 
 def _did(facts: TeamFacts, robot: str, request: Request, need: Need) -> bool:

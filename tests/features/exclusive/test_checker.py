@@ -37,7 +37,7 @@ class Dosing:
         self.processes: dict[str, Any] = {p.robot: p for p in self.team.processes}
 
     def sync(self, process: Any, entry: Entry) -> None:
-        self.team.checkers.i5.synced(process, {(entry.author, entry.name): entry})
+        self.team.checkers.of_features.synced(process, {(entry.author, entry.name): entry})
 
     def begin(self, robot: str, token: str, givers: int = 4, is_claimed: bool = True) -> list[str]:
         process = self.processes[robot]
@@ -52,13 +52,13 @@ class Dosing:
         start = StartAction(
             7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.view.incarnation, token
         )
-        self.team.checkers.i5.handled(process, [start])
+        self.team.checkers.of_features.handled(process, [start])
         inside.pretend_to_work(process.agent, "a:1", "dose(a)", "dose(a)", coalition=token)
         return [text.partition("which ")[2] or text for text in self.team.checkers.violations]
 
     def end(self, robot: str, event: Input) -> None:
         process = self.processes[robot]
-        self.team.checkers.i5.handling(process, process.agent.view, event)
+        self.team.checkers.of_features.handling(process, process.agent.view, event)
 
 
 def test_i5_two_coalitions_at_once(run: Run) -> None:
@@ -75,9 +75,9 @@ def test_i5_two_coalitions_one_after_the_other_only_if_the_first_has_failed(run:
     assert dosing.begin("D2", "t2") == []
     dosing.end("D2", ActionFinished(7, success=True))
     assert dosing.begin("D1", "t3") == ["was finished (t2)"]
-    assert dosing.team.checkers.i5.done_twice == 0
+    assert dosing.team.checkers.of_features.done_twice == 0
     dosing.end("D1", ActionFinished(7, success=True))
-    assert dosing.team.checkers.i5.done_twice == 1
+    assert dosing.team.checkers.of_features.done_twice == 1
 
 
 @pytest.mark.parametrize(
