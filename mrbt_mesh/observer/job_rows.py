@@ -99,7 +99,10 @@ class JobRows:
                 results=dict(history.results),
             )
 
-        rows = self.update(observer.facts, observer.plan, observer.membership.members(), seen)
+        peers = observer.membership.peers.items()
+        # The player of a recording knows peers, and counts on nobody.
+        alive = [robot for robot, each in peers if each.state.is_member and each.report.has_joined]
+        rows = self.update(observer.facts, observer.plan, alive, seen)
         why, over_us = why_over(observer), observer.record.job_log.over_us
         if not why:
             return rows

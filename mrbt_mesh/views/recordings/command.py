@@ -176,8 +176,8 @@ def verify(
 @keys_option
 @json_option
 def report(path: Path | None, output: Path, keys: Path | None, as_json: bool) -> None:
-    """Report on a run: its result, who worked and waited when, faults and takeovers, what operators
-    commanded, and what `mrbt recording verify` finds.
+    """Report on a run: its result, who worked and waited when, jobs, faults and takeovers, what
+    operators commanded, and what `mrbt recording verify` finds.
 
     It writes one HTML page that needs nothing else, and that any browser prints. With --json it
     prints the figures instead.

@@ -185,6 +185,25 @@ class ReportedCommand:
 
 
 @dataclass(frozen=True)
+class ReportedJob:
+    """A job, with its fields as in `JobRow`; times in seconds of the run.
+
+    `call`: its type with its arguments.
+    """
+
+    id: str
+    call: str
+    priority: int | None
+    submitted_s: float | None
+    begun_s: float | None
+    ended_s: float | None
+    robots: tuple[str, ...]
+    state: str
+    why: str
+    operator: str
+
+
+@dataclass(frozen=True)
 class RunIdentity:
     """Which run it was.
 
@@ -228,7 +247,8 @@ class RunReport:
 
     `plans` and `differences` are None if nobody recorded what robots reported. `work` and `waits`
     are None if only a summary is left; `robots` then have only type and state. `identity`, `proof`
-    and `commands` are those of a recorded run, `scheduled` of a run that travels. `notes`: what the
+    and `commands` are those of a recorded run, `scheduled` of a run that travels, `jobs` of one
+    that has any, in the order in which they were submitted. `notes`: what the
     figures lack, and why.
     """
 
@@ -249,6 +269,7 @@ class RunReport:
     proof: Proof | None = None
     commands: tuple[ReportedCommand, ...] = ()
     scheduled: tuple[ScheduledTask, ...] = ()
+    jobs: tuple[ReportedJob, ...] = ()
 
     @property
     def deaths(self) -> list[ReportedFault]:

@@ -28,7 +28,7 @@ _FIRST_LINE = "<!DOCTYPE html>"
 STYLE = Path(__file__).with_name("style.css")
 # Shorter waits and disagreements are counted together, like those beyond the longest `MOST_ROWS`;
 # `--json` lists all.
-LEAST_S, MOST_ROWS = 0.02, 12
+LEAST_S, MOST_ROWS, MOST_JOBS = 0.02, 12, 200
 WAITS = {
     WaitKind.TASK: "Tasks that were requested and not served",
     WaitKind.START: "Robots with a claim that they could not start",
@@ -78,6 +78,7 @@ def _run(run: RunReport) -> str:
         _identity(run),
         _cards(run),
         _section("Who did what when", _chart(run)),
+        _section("Jobs", _jobs(run)),
         _section("Faults", _faults(run) or _none("No robot died or lost a capability.")),
         _section("What operators commanded", _commands(run)),
         _section("Failures", _failures(run)),
@@ -189,6 +190,26 @@ def _chart(run: RunReport) -> str:
     lost = " ▲ lost a capability" if any(fault.lost for fault in run.faults) else ""
     signs = f"<span>✝ died ✘ failed ┤ not needed any more{lost}</span>"
     return f'{_wide(chart, "Gantt chart")}<div class="legend">{legend}{signs}</div>'
+
+
+def _jobs(run: RunReport) -> str:
+    """Return the table of jobs: what was asked for, when, and who did it."""
+    head = ("job", "what", "priority", "submitted", "begun", "ended", "by", "how")
+    rows = (
+        (
+            each.id,
+            each.call,
+            "–" if each.priority is None else str(each.priority),
+            _seconds(each.submitted_s),
+            _seconds(each.begun_s),
+            _seconds(each.ended_s),
+            ", ".join(each.robots) or "–",
+            each.state + (f": {each.why}" if each.why else ""),
+        )
+        for each in run.jobs[:MOST_JOBS]
+    )
+    left = len(run.jobs) - MOST_JOBS
+    return _table(head, rows, f"{left} later ones: see --json" if left > 0 else "")
 
 
 def _faults(run: RunReport) -> str:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
+from mrbt_mesh.core.mission.names import name_order
+from mrbt_mesh.formats.expand import call_text
+from mrbt_mesh.observer.job_history import JobHistory
+from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING, JobRows
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.observer.work_log import WorkEnd, WorkSpan
 from mrbt_mesh.recording.player import Player
@@ -11,6 +17,7 @@ from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.views.report.history import History
 from mrbt_mesh.views.report.model import (
     ReportedFault,
+    ReportedJob,
     ReportedWork,
     RobotUse,
     RunIdentity,
@@ -67,7 +74,35 @@ def report_recording(recording: Recording, title: str) -> RunReport:
         failures=reported_failures(summary),
         identity=_identity(recording, start_us),
         scheduled=_scheduled(history, spans, start_us),
+        jobs=_jobs(player.observer),
     )
+
+
+def _jobs(observer: Observer) -> tuple[ReportedJob, ...]:
+    """Return the jobs at the end of the recording; of older ones times may not be known."""
+    record = observer.record
+    found = []
+    for row in JobRows().of(observer):
+        known = record.job_log.jobs.get(row.id)
+        history = known or JobHistory()
+        has_ended = known is not None and row.state not in (HELD, WAITING, RUNNING)
+        ended_us = record.job_log.ended_us(history) if has_ended else None
+        found.append(
+            ReportedJob(
+                row.id,
+                call_text(row.type, map(str, row.arguments.values())),
+                row.priority,
+                record.seconds(history.submitted_us),
+                record.seconds(history.begun_us),
+                record.seconds(ended_us),
+                row.robots,
+                row.state,
+                row.why,
+                row.operator,
+            )
+        )
+    # Those of unknown times were there before the recording.
+    return tuple(sorted(found, key=lambda job: (job.submitted_s or -math.inf, name_order(job.id))))
 
 
 def _scheduled(

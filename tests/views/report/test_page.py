@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import itertools
 import re
 from dataclasses import replace
@@ -16,6 +17,7 @@ from mrbt_mesh.views.report.model import (
     ReportedCommand,
     ReportedFailure,
     ReportedFault,
+    ReportedJob,
     ReportedPlan,
     ReportedWork,
     RobotUse,
@@ -149,3 +151,24 @@ def test_an_incident_has_its_date_clock_version_digest_commands_and_verification
     assert "not contradicted, and not all is proved: gaps: 1" in report_html(RunParts((gaps,)))
     simulated = replace(run, identity=replace(identity, began_unix_s=None))
     assert "simulated, in virtual time" in report_html(RunParts((simulated,)))
+
+
+def test_jobs_are_listed_and_a_run_without_any_has_no_table() -> None:
+    assert "<h2>Jobs</h2>" not in report_html(RunParts((RUN,)))
+    done = ReportedJob(
+        "j1", f"fetch({HOSTILE})", 2, 1.0, 2.5, 9.25, ("A1", "B1"), "succeeded", "", ""
+    )
+    old = ReportedJob("j0", "look", None, None, None, None, (), "failed", "no cup", "op")
+    many = (old, done, *(replace(done, id=f"k{n}") for n in range(199)))
+    page = report_html(RunParts((replace(RUN, jobs=many),)))
+    table = page[page.index("<h2>Jobs</h2>") :]
+    table = table[: table.index("</section>")]
+    rows = [re.findall("<td[^>]*>(.*?)</td>", row) for row in table.split("<tr>")[2:4]]
+    times = ["1.00 s", "2.50 s", "9.25 s"]
+    what = f"fetch({html.escape(HOSTILE)})"
+    assert rows == [
+        ["j0", "look", "–", "–", "–", "–", "–", "failed: no cup"],
+        ["j1", what, "2", *times, "A1, B1", "succeeded"],
+    ]
+    assert "1 later ones: see --json" in table
+    assert HOSTILE not in page

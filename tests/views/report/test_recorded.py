@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.drills.physical import spans
+from mrbt_mesh.observer.job_rows import JobRows
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import Operate
 from mrbt_mesh.views.report.model import ReportedWork, RunParts, RunReport, WaitKind
 from mrbt_mesh.views.report.page import report_html
 from mrbt_mesh.views.report.recorded import report_recording, without
@@ -239,3 +241,24 @@ def test_what_was_scheduled_is_held_against_what_was_done(tmp_path: Path) -> Non
             assert each.ends_s == pytest.approx(each.ended_s, abs=0.2)
     assert any(each.known_s > 4.5 for each in report.scheduled)
     assert "Scheduled and done" in report_html(RunParts((report,)))
+
+
+def test_jobs_are_told_as_they_were_done(tmp_path: Path) -> None:
+    submits: Schedule = [
+        (2_000_000, Operate("C1", "job/one", ["inspect", ["shelf_5"], 3, 0, 0, 0], "op")),
+        (3_000_000, Operate("C1", "job/two", ["inspect", ["nowhere"], 0, 0, 0, 0], "op")),
+        (25_000_000, Operate("C1", "job/zoo", ["deliver", ["shelf_2", "dock_1", "3"], 0, 0, 0, 0])),
+    ]
+    result = record_example(tmp_path, "deliveries", 3, submits, timeout_us=30_000_000)
+    report = report_recording(read_recording(observer_file(tmp_path)), "run")
+    rows = {row.id: row for row in JobRows().of(result.observer)}
+    told = [(job.id, job.call, job.state, job.robots) for job in report.jobs]
+    assert [each[:2] for each in told] == [
+        ("one", "inspect(shelf_5)"),
+        ("zoo", "deliver(shelf_2,dock_1,3)"),
+    ]
+    assert [each[2:] for each in told] == [(rows[n].state, rows[n].robots) for n in ("one", "zoo")]
+    one, zoo = report.jobs
+    assert (one.priority, one.state, zoo.ended_s) == (3, "succeeded", None)
+    times = (one.submitted_s or 0, one.begun_s or 0, one.ended_s or 0)
+    assert 1 < times[0] <= times[1] < times[2] < 25
