@@ -105,14 +105,22 @@ def _believed_times(record: TravelTimes, places: Container[str]) -> TravelTimes:
 def _refuse_in_any_mission(entry: Entry, parts: tuple[str, ...], run: str) -> str | None:
     """Why no mission of this run can have a place for this entry."""
     if parts[0] in ACTIVATION_KINDS:
-        reason = _refuse_text(parts[1], run)
-        if reason is None and parts[0] in _FEATURE_OF:
-            return _FEATURE_OF[parts[0]].malformed(entry) or None
-        return reason
+        return _refuse_text(parts[1], run) or _malformed(entry, parts)
     if parts[0] == records.JOB_ARCHIVE:
         return _refuse_archive(parts[1])
     if parts[0] in records.JOB_KINDS and not is_job_id(parts[1]):
         return f"{parts[1]!r:.80} names no job"
+    return None
+
+
+def _malformed(entry: Entry, parts: tuple[str, ...]) -> str | None:
+    """Why the part of a name that follows the activation cannot be read."""
+    if parts[0] in _FEATURE_OF:
+        return _FEATURE_OF[parts[0]].malformed(entry) or None
+    if parts[0] == records.OUTCOME and len(parts) == 4:
+        return _malformed_party(entry)
+    if parts[0] == records.CHILD_RESULT and not parts[2].isdecimal():
+        return f"{parts[2]!r:.20} is no position of a child"
     return None
 
 
@@ -394,5 +402,6 @@ def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> s
 
 
 def _malformed_party(outcome: Entry) -> str | None:
-    assert OF_PARTIES is not None
+    if OF_PARTIES is None:
+        return "no robots do a task jointly"
     return OF_PARTIES.malformed(outcome) or None

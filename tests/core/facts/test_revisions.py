@@ -9,6 +9,7 @@ import pytest
 
 from mrbt_mesh.core.facts.records import (
     AdoptedMission,
+    ChildResult,
     HeldMission,
     Outcome,
     Proposal,
@@ -197,3 +198,16 @@ def test_of_two_proposals_the_earlier_one_counts() -> None:
 def test_no_other_mission_is_accepted(name: str, text: str, why: str) -> None:
     given = command(name, [text, False, False])
     assert why in (refusal_reason(given, BEFORE, RUN) or "")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        entry("A3", f"outcome/{RUN}:1:weld::0/weld/A3", Outcome(True, None)),
+        entry("A3", f"passed/{RUN}:0:::0/first", ChildResult(True)),
+    ],
+    ids=lambda given: given.parts[0],
+)
+def test_what_cannot_be_read_in_any_mission_is_refused(given: Entry) -> None:
+    """What a revision has no place for is kept, and read for what the next revision repeats."""
+    assert refusal_reason(given, AFTER, RUN) is not None
