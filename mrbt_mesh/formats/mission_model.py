@@ -294,10 +294,7 @@ class GlobalTaskModel(FileModel):
 
     `failure`: once a robot has failed, the task fails when no living robot can still try
     (resilient), by the paper's count of assigned robots that live (paper), or at once (first).
-    `blocked`: no robot has failed, and no living one could do it. `simultaneous`: its robots start
-    together; what they did counts only if all began within `begin_within_s` (default: the detection
-    time). `exclusive`: never done twice; what became of a robot that vanished in the middle is
-    `in_doubt`, to be held for the operator (hold), counted as failed (fail) or tried again (retry).
+    `blocked`: no robot has failed, and no living one could do it.
     """
 
     parameters: Parameters = []
@@ -309,27 +306,6 @@ class GlobalTaskModel(FileModel):
     ] = "resilient"
     blocked: Blocked | None = None
     preemptive: bool = False
-    simultaneous: bool = False
-    begin_within_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)] | None = None
-    exclusive: bool = False
-    in_doubt: Literal["hold", "fail", "retry"] | None = None
-
-    @model_validator(mode="after")
-    def _begin_within_with_simultaneous(self) -> GlobalTaskModel:
-        if self.begin_within_s is not None and not self.simultaneous:
-            raise PydanticCustomError(
-                "begin_within_s",
-                "begin_within_s is for simultaneous tasks; add simultaneous: true or remove it",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _in_doubt_with_exclusive(self) -> GlobalTaskModel:
-        if self.in_doubt is not None and not self.exclusive:
-            raise PydanticCustomError(
-                "in_doubt", "in_doubt is for exclusive tasks; add exclusive: true or remove it"
-            )
-        return self
 
 
 class SubTreeModel(FileModel):

@@ -4,7 +4,7 @@ of robots at the same time, nor again (`exclusive`). Both are carried out by coa
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.feature import CommandField, Feature, Kit, Part
@@ -21,6 +21,8 @@ from mrbt_mesh.features.exclusive.kinds import (
 from mrbt_mesh.features.exclusive.policy import CoalitionPolicy
 
 if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
     from mrbt_mesh.core.bt.evaluation import Request
     from mrbt_mesh.core.facts.records import Record
     from mrbt_mesh.core.facts.store import Entry
@@ -50,6 +52,11 @@ class ExclusiveTasks(Feature):
 
     def joint_policy(self, data: Sequence[Any]) -> CoalitionPolicy | None:
         return CoalitionPolicy.from_json(data)
+
+    def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
+        from mrbt_mesh.features.exclusive.file_fields import FIELDS
+
+        return FIELDS
 
     def build_joint(
         self, task: GlobalTaskModel, path: SourcePath, report: Report
