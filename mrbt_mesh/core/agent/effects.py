@@ -74,9 +74,10 @@ class Reply:
 class StartAction:
     """Run a local task. Ends with ActionFinished or, after CancelAction, ActionStopped.
 
-    `coalition`: the id of the coalition that it starts with, empty if there is none. `travel_to`:
-    the action is only the way to this place, where the local task happens; empty: it is the local
-    task itself. `values`: the values of the blackboard entries that serve as arguments, by entry.
+    `party`: the name of those with whom it runs the task jointly, empty if it does not.
+    `travel_to`: the action is only the way to this place, where the local task happens; empty: it
+    is the local task itself. `values`: the values of the blackboard entries that serve as
+    arguments, by entry.
     """
 
     ticket: int

@@ -1,9 +1,9 @@
 """What this robot works on: its claim, and the action that carries it out.
 
 A claim is `claimed` while the team comes to agree and `running` once the action is started. In
-between it is `travelling` on the way to the place of its local task, and `ready` while its
-coalition forms. The way is an action of its own. An action that is no longer needed is cancelled;
-if it finishes nevertheless, its outcome is recorded, or the robot counts as at the way's place.
+between it is `travelling` on the way to the place of its local task, and `ready` while its party
+forms. The way is an action of its own. An action that is no longer needed is cancelled; if it
+finishes nevertheless, its outcome is recorded, or the robot counts as at the way's place.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mrbt_mesh.core.planning.plan import RobotAssignment
 
 
 def _subject(assignment: RobotAssignment | None) -> tuple[object, ...] | None:
-    """What distinguishes assignments. Includes the round, as an ended coalition is formed anew."""
+    """What distinguishes assignments. Includes the round, as an ended party is formed anew."""
     x = assignment
     return None if x is None else (x.activation, x.local_task, x.leader, x.round, x.values)
 
@@ -87,7 +87,7 @@ class Work:
         )
 
     def get_ready(self, claim: Claim) -> Claim:
-        """Wait for the coalition, as the team agrees. Returns the changed claim."""
+        """Wait for the party, as the team agrees. Returns the changed claim."""
         self.claim = replace(claim, phase=Phase.READY)
         return self.claim
 

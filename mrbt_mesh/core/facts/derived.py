@@ -4,8 +4,8 @@ They are written because they are cheap to read and short to keep, while their c
 dropped. One robot's word for them is not enough (`membership.unproved`). Other derived facts join
 the map at once. Ends of jobs count only as far as the map supports them (`KnownJob.written_end`).
 Facts that a robot which was cut off, or knows fewer outcomes, may see and others never will are
-believed: attempts used up, results of children of nodes with memory, expired timeouts, broken
-coalitions.
+believed: attempts used up, results of children of nodes with memory, expired timeouts, parties that
+are broken up.
 """
 
 from __future__ import annotations

@@ -203,7 +203,7 @@ class Member(Record):
 
     `capabilities`: in micro-units. `lost`: capability -> why the robot has lost it (a minor fault).
     `pending`: capability -> what it waits for; the robot cannot use it yet, which is not a fault.
-    `may_promise`: its journal can be written, as exclusive tasks require. `watched`: those in
+    `may_promise`: its journal can be written, as promises require. `watched`: those in
     `lost` whose end the robot notices itself, so that no operator can declare it; sorted.
     """
 

@@ -8,7 +8,7 @@ Modules:
 - what is known of all other robots: `membership`; of one robot: `peer`
 - when a robot is suspected, probed, declared dead: `failure_detector`
 - when a new incarnation may take part: `joining`; two robots with the same id: `duplicate_ids`
-- granting, renewing and dropping leases: `leases`; clocks that stood still: `peer_clocks`
+- clocks that stood still: `peer_clocks`
 - what this robot writes and merges: `replica`; which peers it asks for facts: `anti_entropy`;
   facts that wait for proof: `unproved`
 - the messages, and which are refused: `wire`; which member sent or wrote one: `keys`, `envelope`,

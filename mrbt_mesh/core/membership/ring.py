@@ -12,8 +12,8 @@ one another. A robot's heartbeats also go to:
   different rings hear each other;
 - while this robot is about to join, some robots that it has not heard yet;
 - robots that are *checked*, because others disagree with this robot about whether they are alive;
-- everybody, if the heartbeat concerns everybody: a robot leaves, requests a lease, has declared a
-  neighbour dead, or is alive although others have declared it dead;
+- everybody, if the heartbeat concerns everybody: a robot leaves, requests something, has declared
+  a neighbour dead, or is alive although others have declared it dead;
 - robots that wait for agreement, through representatives. The ring of the mission's robots is cut
   into *groups*; there are about as many groups as robots in each. The first healthy robots of a
   group *represent* it: the others report each new plan to them, and once the whole group has the

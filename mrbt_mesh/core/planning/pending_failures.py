@@ -7,8 +7,7 @@ has had it for some time without a break, and all report the same plan, the fail
 is written as a fact (`planning.deadlines`) that holds for that activation, whichever robot returns.
 
 Where no robot has failed, a request that no robot can serve is *blocked*, as its policy says. So is
-an exclusive one in doubt, without a living majority, or with a coalition out of reach, which may be
-at work.
+one for which a `JointPolicy` has an obstacle.
 """
 
 from __future__ import annotations

@@ -59,8 +59,8 @@ class RobotAssignment:
     """What the plan has one robot do. `pinned`: it was running this already and goes on.
 
     `performance` is the declared one, or what a feature has put in its place.
-    `leader` brings the coalition together, where the task is carried out by one; `round`
-    counts the coalitions that have ended without success. `values`: blackboard entry -> its value,
+    `leader` brings the party together, where robots carry out the task jointly; `round` counts the
+    parties that have ended without success. `values`: blackboard entry -> its value,
     of those that are arguments.
     """
 
