@@ -75,7 +75,7 @@ class BtcppTrees:
                 if entry == CHECKPOINT:
                     continue
                 value = made.blackboard.get(entry)
-                if conditions[declared_name(condition)].values is not None:
+                if not conditions[declared_name(condition)].is_truth:
                     if value is not None:
                         task.set_value(condition, value)
                     continue
@@ -202,7 +202,7 @@ def _with_conditions(leaves: Leaves, conditions: Mapping[str, ConditionType]) ->
 
     The ports of such a leaf are the condition's arguments, by name or, if names differ, in order.
     """
-    truths = {name: each for name, each in conditions.items() if each.values is None}
+    truths = {name: each for name, each in conditions.items() if each.is_truth}
     return leaves.with_conditions({name: _reader(each) for name, each in truths.items()})
 
 

@@ -12,8 +12,8 @@ from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.loadable import loadable
 from mrbt_mesh.core.bt.tree import LEAVES as CORE_LEAVES
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
-from mrbt_mesh.core.mission.blackboard import EntryComparison, comparison_of
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.features.values.blackboard import EntryComparison, comparison_of
 
 _SIGN = re.compile(r"[^A-Za-z0-9_]+")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")

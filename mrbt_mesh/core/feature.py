@@ -24,17 +24,19 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.agent.planner import Planner
     from mrbt_mesh.core.agent.start_policy import StartPolicy
     from mrbt_mesh.core.assignment.problem import SideConstraint
+    from mrbt_mesh.core.bt.activation import ActivationNames
     from mrbt_mesh.core.bt.evaluation import Request as TreeRequest
     from mrbt_mesh.core.facts.records import Claim, Record
     from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation, Version
     from mrbt_mesh.core.facts.task_status import TeamMembers
     from mrbt_mesh.core.facts.team_facts import TeamFacts
     from mrbt_mesh.core.membership.wire import Heartbeat, Request, RequestAnswer
-    from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission
+    from mrbt_mesh.core.mission.conditions import ConditionType, EntryTraits
+    from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission, MissionEntries
     from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
     from mrbt_mesh.core.planning.consistency import LimitCheck
     from mrbt_mesh.core.planning.demands import Demand, Group
-    from mrbt_mesh.core.planning.plan import Plan, RobotAssignment, Waiting
+    from mrbt_mesh.core.planning.plan import PendingLoss, Plan, RobotAssignment, Waiting
     from mrbt_mesh.formats.mission_model import GlobalTaskModel, MissionModel, NeedModel
     from mrbt_mesh.formats.problems import Report, SourcePath
     from mrbt_mesh.observer.feature_history import FeatureHistory
@@ -43,7 +45,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.sim.checkers.findings import RunFindings
 
 # The packages of the features, in the order in which the kernel calls them.
-NAMES: tuple[str, ...] = ("contact", "constraints", "bids", "exclusive")
+NAMES: tuple[str, ...] = ("contact", "constraints", "bids", "exclusive", "values")
 
 
 class CommandField(NamedTuple):
@@ -284,6 +286,9 @@ class Part:
     def started(self, action: StartAction, now_us: int) -> None:
         """This robot has begun an action, or set out for its place."""
 
+    def settle(self, now_us: int) -> None:
+        """Write what the facts ask for, as the last thing before a plan is made."""
+
     def prepare(self, plan: Plan, now_us: int) -> None:
         """Do what a new plan asks for before anybody acts by it."""
 
@@ -369,12 +374,24 @@ class Offer:
         return {}
 
 
-class PlanStep(ABC):
-    """What a feature does in the plans of one mission, after the demands are known."""
+class PlanStep:
+    """What a feature does in the plans of one mission. Every method may be left as it is here."""
 
-    @abstractmethod
+    def eligible(self, facts: TeamFacts, request: TreeRequest) -> Sequence[str] | None:
+        """The robots that a request is for, dead ones included; None: it is for all."""
+        return None
+
+    def asked_for(self, facts: TeamFacts, request: TreeRequest) -> str:
+        """What `eligible` goes by, for people, with a blank before it; empty if it is for all."""
+        return ""
+
     def offer(self, facts: TeamFacts, groups: Sequence[Group], team: Mapping[str, Worker]) -> Offer:
         """What it makes of the demands of one plan."""
+        return Offer(groups)
+
+    def losses(self, facts: TeamFacts, team: Collection[str]) -> Sequence[PendingLoss]:
+        """What robots outside the team had and others have to get again."""
+        return ()
 
     def why_unscheduled(self, task: GlobalTask) -> str:
         """Why no schedule has such a task; empty: the feature does not mind."""
@@ -445,6 +462,20 @@ class Feature:
     def joint_policy(self, data: Sequence[Any]) -> JointPolicy | None:
         """The inverse of `JointPolicy.to_json`; None if it is none of this feature. Raises
         ValueError or TypeError.
+        """
+        return None
+
+    def condition_traits(self, data: Sequence[Any]) -> EntryTraits | None:
+        """The inverse of `EntryTraits.to_json`; None: they are none of the feature. Raises
+        ValueError or TypeError.
+        """
+        return None
+
+    def entries(
+        self, declared: Mapping[str, ConditionType], robots: Sequence[str], names: ActivationNames
+    ) -> MissionEntries | None:
+        """What names of conditions mean in a mission that declares these, `robots` sorted; None: as
+        usual. One feature at most has any.
         """
         return None
 

@@ -69,7 +69,7 @@ def _known(kind: str, names: Callable[[Mission], Collection[str]]) -> AfterValid
         mission = info.context.mission if isinstance(info.context, DrillReport) else None
         if mission is not None and name not in names(mission):
             # An instance of a parametrised condition has the condition's name.
-            if kind == "condition" and mission.knows_condition(name):
+            if kind == "condition" and mission.entries.is_condition(name):
                 return name
             text = f"no {kind} {name!r} in this mission{nearest(name, names(mission))}"
             raise PydanticCustomError("node", "{text}", {"text": text})

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.mission.blackboard import EQUALITY, MAX_UNITS, ValueType
-from mrbt_mesh.core.mission.conditions import ConditionType
+from typing import TYPE_CHECKING
+
+from mrbt_mesh.core.mission.conditions import MAX_UNITS, ConditionType
 from mrbt_mesh.core.mission.names import (
     THIS_JOB,
     declared_name,
@@ -29,6 +30,16 @@ from mrbt_mesh.formats.mission_model import EntryModel, MissionModel
 from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.tree_model import split_comparison
 
+if TYPE_CHECKING:
+    from mrbt_mesh.features.values.traits import Traits
+
+
+def _traits_of(known: ConditionType) -> Traits:
+    # Loaded here, as by all below: only for missions with a blackboard.
+    from mrbt_mesh.features.values.traits import traits_of
+
+    return traits_of(known)
+
 
 class BlackboardEntries:
     """The blackboard entries of a mission, by name; problems go to the report.
@@ -52,7 +63,9 @@ class BlackboardEntries:
             for each in (*task.sets, *task.outputs.values())
         }
         self.arguments = {
-            name: EntryArgument(name, self._unreadable(known, set_somewhere), known.per_job)
+            name: EntryArgument(
+                name, self._unreadable(known, set_somewhere), _traits_of(known).per_job
+            )
             for name, known in self.types.items()
         }
         hint = "pass it from the tree, as a parameter of the global task"
@@ -68,7 +81,7 @@ class BlackboardEntries:
 
     def _unreadable(self, known: ConditionType, set_somewhere: set[str]) -> str:
         """Return why an entry cannot be an argument; empty if it can."""
-        if known.per_robot:
+        if _traits_of(known).per_robot:
             return f"every robot has its own {known.name}, so it cannot be an argument"
         if known.parameters:
             return f"{known.name} has parameters, so it cannot be an argument"
@@ -78,6 +91,9 @@ class BlackboardEntries:
         return ""
 
     def _type(self, name: str, entry: EntryModel) -> ConditionType:
+        from mrbt_mesh.features.values.blackboard import ValueType
+        from mrbt_mesh.features.values.traits import Traits
+
         path: SourcePath = ("blackboard", name)
         low, high = entry.min, entry.max
         if entry.values is not None:
@@ -98,16 +114,12 @@ class BlackboardEntries:
                 default = values.value(entry.default)
             except ValueError as error:
                 self._report.add((*path, "default"), str(error))
-        return ConditionType(
-            name,
-            tuple(entry.parameters),
-            default,
-            entry.per == "robot",
-            values=values,
-            per_job=entry.per == "job",
-        )
+        traits = Traits(entry.per == "robot", values, entry.per == "job")
+        return ConditionType(name, tuple(entry.parameters), default, traits=traits)
 
     def _units(self, number: float, decimals: int, path: SourcePath) -> int:
+        from mrbt_mesh.features.values.blackboard import ValueType
+
         try:
             return int(ValueType(low=-MAX_UNITS, high=MAX_UNITS, decimals=decimals).value(number))
         except ValueError:
@@ -134,7 +146,7 @@ class BlackboardEntries:
         check_call(entry, "blackboard entry", self._parameters, scope, path, self._report)
         check_references(parts[2], scope, path, self._report)
         known = self.types.get(name)
-        if robot and known is not None and not known.per_robot:
+        if robot and known is not None and not _traits_of(known).per_robot:
             message = f"{name} is not of each robot; leave out @{robot}"
             self._report.add(path, f"{message}, or declare it with per: robot")
         elif robot and robot not in self._model.robots:
@@ -143,7 +155,7 @@ class BlackboardEntries:
         return True
 
     def _example(self, name: str) -> str:
-        values = self.types[name].values
+        values = _traits_of(self.types[name]).values
         assert values is not None
         if values.is_number:
             return f">= {values.text(values.low)}"
@@ -155,26 +167,30 @@ class BlackboardEntries:
         assert parts is not None
         template, robot = split_owner(parts[0])
         entry, arguments = ground_call(template, scope)
+        from mrbt_mesh.features.values.blackboard import EQUALITY
+
         known = self.types[declared_name(entry)]
+        traits = _traits_of(known)
+        values = traits.values
         literal = argument_text(substitute(parts[2], scope))
         if any(isinstance(each, EntryArgument) for each in (*arguments, literal)):
             raise ValueError("a blackboard entry is compared with a value, not with another entry")
-        assert known.values is not None
-        if parts[1] not in EQUALITY and not known.values.is_number:
+        assert values is not None
+        if parts[1] not in EQUALITY and not values.is_number:
             raise ValueError(f"{known.name} has no order: compare it with == or !=")
         if isinstance(literal, Placeholder) and not literal.ends:
             raise ValueError(f"{literal}: compare with a parameter of the job alone")
         try:
             of_job = literal.ends if isinstance(literal, Placeholder) else (literal,)
-            texts = [known.values.text(known.values.value(each)) for each in of_job]
+            texts = [values.text(values.value(each)) for each in of_job]
         except ValueError as error:
             raise ValueError(f"{known.name}: {error}") from None
         literal = literal if isinstance(literal, Placeholder) else texts[0]
-        if known.per_job and not is_in_job:
+        if traits.per_job and not is_in_job:
             raise ValueError(
                 f"each job has its own {known.name}: only the tree of a job can read it"
             )
-        if known.per_job:
+        if traits.per_job:
             entry = job_entry(entry, placeholder(THIS_JOB))
         elif robot:
             entry = robot_condition(entry, robot)

@@ -40,6 +40,7 @@ from mrbt_mesh.errors import nearest
 from mrbt_mesh.features.bids.needs import BID, by_bid
 from mrbt_mesh.features.exclusive.kinds import COALITION
 from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId, CoalitionMember
+from mrbt_mesh.features.values.traits import traits_of
 from mrbt_mesh.formats.file_model import FileModel, one_of, read_model
 from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.tree_model import Scalar
@@ -131,10 +132,10 @@ class _Builder:
     def _conditions(self, conditions: Mapping[str, bool]) -> None:
         for name, holds in conditions.items():
             here = ("conditions", name)
-            if name in self.mission.per_robot:
+            if self.mission.entries.is_own(name):
                 robot = robot_condition(name, self._first)
                 self._report.add(here, f"every robot has its own: say whose, as in {robot}")
-            elif not self.mission.can_be_set(name) or self.mission.holds_value(name):
+            elif not self.mission.entries.can_be_set(name) or self.mission.entries.is_value(name):
                 self._report.add(here, f"no condition{nearest(name, self.mission.truths)}")
             elif self.facts.condition(name) != holds:
                 revision = self.facts.conditions.revision(name) + 1
@@ -144,13 +145,14 @@ class _Builder:
         for name, given in values.items():
             here, mission = ("blackboard", name), self.mission
             declared = mission.conditions.get(declared_name(name))
-            if not mission.can_be_set(name) or declared is None or declared.values is None:
+            held = traits_of(declared).values if declared is not None else None
+            if not mission.entries.can_be_set(name) or held is None:
                 hint = nearest(name, mission.conditions.keys() - mission.truths.keys())
-                whose = "; say whose, as in battery@A1" if name in mission.per_robot else hint
+                whose = "; say whose, as in battery@A1" if mission.entries.is_own(name) else hint
                 self._report.add(here, f"no blackboard entry{whose}")
                 continue
             try:
-                value = declared.values.value(given)
+                value = held.value(given)
             except ValueError as error:
                 self._report.add(here, str(error))
                 continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.core.mission.conditions import ConditionType, EntryTraits
 from mrbt_mesh.core.mission.failure_reasons import (
     CONTAINS,
     EQUALS,
@@ -27,11 +27,18 @@ def condition_types(model: MissionModel, report: Report) -> dict[str, ConditionT
             name,
             tuple(each.parameters),
             each.default,
-            each.per == "robot",
             _reason(model, name, each, report),
+            _of_each_robot() if each.per == "robot" else None,
         )
         for name, each in sorted(model.conditions.items())
     }
+
+
+def _of_each_robot() -> EntryTraits:
+    # Loaded only for missions with such conditions.
+    from mrbt_mesh.features.values.traits import Traits
+
+    return Traits(per_robot=True)
 
 
 def _reason(

@@ -83,7 +83,7 @@ def place_states(
 
 
 def _holds(facts: TeamFacts, condition: str) -> bool:
-    return facts.mission.knows_condition(condition) and facts.condition(condition)
+    return facts.mission.entries.is_condition(condition) and facts.condition(condition)
 
 
 def _places(parameters: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

@@ -25,7 +25,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from mrbt_mesh.core.feature import features
-from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT
+from mrbt_mesh.core.mission.conditions import MAX_DECIMALS, MAX_TEXT
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import (
     MAX_CHOICES,

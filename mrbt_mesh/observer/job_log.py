@@ -97,7 +97,7 @@ class JobLog:
                     history.ends(end.state, end.robots)
             case ConditionValue(value=value) if of_job := job_of(entry):
                 name = split_owner(entry.parts[1])[0]
-                self._of(of_job).results[name] = self._mission.entry_text(entry.parts[1], value)
+                self._of(of_job).results[name] = self._mission.entries.text(entry.parts[1], value)
 
     def _submitted(self, history: JobHistory, job: Job, at_us: int | None) -> None:
         if at_us is not None and history.begun_us is not None:

@@ -24,7 +24,7 @@ from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import Plan
@@ -331,7 +331,7 @@ class RunRecord:
             case ConditionValue() as condition:
                 name = entry.parts[1]
                 self.conditions.append((now_us, name, condition.value))
-                text = self.mission.entry_text(name, condition.value)
+                text = self.mission.entries.text(name, condition.value)
                 self._say_heard(now_us, f"{robot}: {name} is {text}")
             case RobotProblem(text):
                 self.problem(robot, entry.parts[1], text, now_us)

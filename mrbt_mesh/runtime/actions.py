@@ -356,7 +356,7 @@ class ActionRunner:
 
         Empty if there is none.
         """
-        return parse_activation(effect.activation).job if self._mission.has_blackboard else ""
+        return parse_activation(effect.activation).job if self._mission.entries.has_values else ""
 
     def robot_context(self) -> RobotContext:
         """Return a context that belongs to no task."""

@@ -14,10 +14,9 @@ from mrbt_mesh.core.agent.operator_messages import INVALID, OUT_OF_RANGE, UNKNOW
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import JOB_CANCELLED, JOB_HOLD, JOB_PRIORITY, Hold
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.core.mission.blackboard import is_argument
 from mrbt_mesh.core.mission.job_arguments import Arguments, ordered_arguments
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType, Mission
-from mrbt_mesh.core.mission.names import is_job_id
+from mrbt_mesh.core.mission.names import is_argument, is_job_id
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.local_time import moment_of
 from mrbt_mesh.runtime.operator_call import CommandRefusedError

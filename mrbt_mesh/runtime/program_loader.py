@@ -161,8 +161,8 @@ def _call_problem(function: ProgramFunction, mission: Mission, ground: str) -> _
             return function.place, f"{function.place}: {function.what}: {problem}, but {where}"
         if "(" not in ground and declared.parameters:
             return "", ""
-    types = {name: mission.conditions[name].values for name in entries_in(ground)}
-    samples = {name: known.samples() for name, known in types.items() if known is not None}
+    samples = {name: mission.entries.samples(name) for name in entries_in(ground)}
+    samples = {name: texts for name, texts in samples.items() if texts}
     try:
         for number in range(max(map(len, samples.values()), default=1)):
             values = {name: texts[number % len(texts)] for name, texts in samples.items()}

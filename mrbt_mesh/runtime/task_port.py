@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from numbers import Real
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
@@ -19,11 +19,13 @@ from mrbt_mesh.core.agent.inputs import (
     TreeTicked,
 )
 from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
-from mrbt_mesh.core.mission.blackboard import Value, ValueType
-from mrbt_mesh.core.mission.conditions import truth_of
+from mrbt_mesh.core.mission.conditions import Value, truth_of
 from mrbt_mesh.core.mission.mission import Mission, micro_performance
 from mrbt_mesh.core.mission.names import declared_name
 from mrbt_mesh.runtime.user_code import outside, shown
+
+if TYPE_CHECKING:
+    from mrbt_mesh.features.values.blackboard import ValueType
 
 CONDITIONS_PER_OUTCOME = 1_000
 
@@ -111,9 +113,9 @@ class AgentPort:
 
     def check_condition(self, name: str) -> None:
         """Raise ValueError unless this is a condition that the program may set."""
-        if isinstance(name, str) and self._mission.holds_value(name):
+        if isinstance(name, str) and self._mission.entries.is_value(name):
             raise ValueError(f"{name!r} is a blackboard entry, not a condition: use set_value")
-        if not isinstance(name, str) or not self._mission.knows_entry(name):
+        if not isinstance(name, str) or not self._mission.entries.knows(name):
             declared = ", ".join(sorted(self._mission.truths)) or "none"
             raise ValueError(f"condition {shown(name)} is not declared in the mission ({declared})")
         if self._mission.is_failure_reason(name):
@@ -139,15 +141,19 @@ class AgentPort:
 
         Raises ValueError unless the program may use it here.
         """
+        # Loaded only by programs that use entries.
+        from mrbt_mesh.features.values.traits import traits_of
+
         mission = self._mission
         known = mission.conditions.get(declared_name(name)) if isinstance(name, str) else None
-        if known is None or known.values is None or not mission.knows_entry(name):
+        values = traits_of(known).values if known is not None else None
+        if known is None or values is None or not mission.entries.knows(name):
             declared = ", ".join(sorted(mission.conditions.keys() - mission.truths.keys()))
             text = f"{shown(name)} is not an entry of the mission's blackboard"
             raise ValueError(f"{text} ({declared or 'it has none'})")
-        if known.per_job and not self._job:
+        if traits_of(known).per_job and not self._job:
             raise ValueError(f"each job has its own {name}, and this is not a task of a job")
-        return known.values
+        return values
 
     def read_value(self, name: str) -> str | int | float | None:
         known = self.check_entry(name)
@@ -158,7 +164,7 @@ class AgentPort:
         """Set conditions and other entries with the outcome, all or none."""
         told: dict[str, Value | None] = {}
         for name, value in values.items():
-            if isinstance(name, str) and self._mission.holds_value(name):
+            if isinstance(name, str) and self._mission.entries.is_value(name):
                 told[name] = self._typed(self.check_entry(name), name, value)
             else:
                 self.check_condition(name)

@@ -20,10 +20,11 @@ from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.mission.blackboard import ValueType
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.program_trees import ProgramTree
+from mrbt_mesh.features.values.blackboard import ValueType
+from mrbt_mesh.features.values.traits import Traits
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
 from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
@@ -120,7 +121,7 @@ def test_ports_come_from_the_mission_and_outputs_go_with_the_outcome() -> None:
 @pytest.mark.parametrize(("most", "is_set"), [(9, True), (2, False)])
 def test_an_output_may_be_an_entry_of_the_blackboard(most: int, is_set: bool) -> None:
     mission = mission_of(outputs=(("goal", "count"), ("gone", "count")))
-    count = ConditionType("count", default=None, values=ValueType(low=0, high=most))
+    count = ConditionType("count", default=None, traits=Traits(values=ValueType(low=0, high=most)))
     mission = replace(mission, conditions={"count": count})
     end = carried_out(mission, program_of([]), activation="r:0:look::0")[0]
     assert (end.success, end.conditions) == (is_set, (("count", 3),) if is_set else ())

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Kind
-from mrbt_mesh.core.mission.blackboard import ValueType, comparison_of
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.jobs import OpenJob, with_jobs
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import FileError
+from mrbt_mesh.features.values.blackboard import ValueType, comparison_of
 from mrbt_mesh.formats.build import mission_from_yaml
 
 GOOD = """\
@@ -75,7 +75,7 @@ def test_comparisons_and_arguments_are_ground_but_for_what_is_read() -> None:
     with_job = with_jobs(mission, [OpenJob("j1", "sort", ("a", "3"))])
     assert conditions_of(with_job)[3:] == ["found@job:j1 != red", "weight < 3", "label(a) == a"]
     assert "get($found)" in {node.subject for node in with_job.tree.actions()}
-    assert all(map(with_job.knows_condition, conditions_of(with_job)))
+    assert all(map(with_job.entries.is_condition, conditions_of(with_job)))
 
 
 def test_a_compiled_mission_keeps_its_blackboard() -> None:

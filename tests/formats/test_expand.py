@@ -255,5 +255,5 @@ def test_expanded_trees_are_ground_and_declare_all_they_mention(tree: Any) -> No
         if node.kind is Kind.ACTION:
             assert node.subject in mission.global_tasks
         if node.kind is Kind.CONDITION:
-            assert mission.knows_condition(node.subject)
+            assert mission.entries.is_condition(node.subject)
     assert {node.subject for node in mission.tree.actions()} == set(mission.global_tasks)

@@ -169,7 +169,7 @@ def test_vehicle_repair_has_the_tree_of_the_paper() -> None:
     assert [tree.nodes[n.children[0]].subject for n in inverted] == [
         f"broken({k})" for k in range(1, 6)
     ]
-    assert not mission.condition_default("nominal")
+    assert not mission.entries.default("nominal")
     assert mission.parameters["broken_parts"] == [2, 4]
 
 

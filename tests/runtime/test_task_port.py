@@ -10,8 +10,9 @@ import pytest
 
 from mrbt_mesh.core.agent.inputs import ConditionSet
 from mrbt_mesh.core.membership.wire import Position
-from mrbt_mesh.core.mission.blackboard import ValueType
 from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.features.values.blackboard import ValueType
+from mrbt_mesh.features.values.traits import Traits
 from mrbt_mesh.runtime.task_port import AgentPort, milli_position
 from mrbt_mesh.views.model.team_view import TeamView
 from tests.support.action_host import Host
@@ -20,8 +21,8 @@ from tests.support.runs import run_example
 
 ENTRIES = (
     ConditionType("open"),
-    ConditionType("found", values=ValueType(choices=("red", "blue")), per_job=True),
-    ConditionType("level", values=ValueType(low=0, high=1_000, decimals=1)),
+    ConditionType("found", traits=Traits(values=ValueType(choices=("red", "blue")), per_job=True)),
+    ConditionType("level", traits=Traits(values=ValueType(low=0, high=1_000, decimals=1))),
 )
 
 

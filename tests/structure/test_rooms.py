@@ -21,15 +21,15 @@ NAMED = {
     "constraints": (33, 12),
     "contact": (0, 0),
     "exclusive": (0, 0),
-    "jobs": (215, 73),
-    "keys": (123, 34),
+    "jobs": (207, 68),
+    "keys": (122, 33),
     "large_teams": (11, 3),
-    "revisions": (179, 51),
+    "revisions": (165, 49),
     "travel": (353, 98),
-    "values": (52, 27),
+    "values": (0, 0),
 }
 # Lines of code of the modules that a robot's process imports before it begins.
-LOADED_LINES = 19_921
+LOADED_LINES = 19_696
 # Files that an event enters, and edges between them: the step of an outcome, all of a kill.
 WALKS = {"step": (38, 156), "kill": (45, 188)}
 # Tests of trees, facts, members, planning, assignment and the agent which use no feature that has

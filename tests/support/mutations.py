@@ -90,8 +90,6 @@ add("starts_without_agreement", (Membership, "all_report_plan", always(True)))
 add("promises_before_synced", (Durability, "is_on_disk", always(True)))
 # A schedule may have tasks before those that they come after in the tree.
 add("schedules_against_the_tree", (schedules, "precedence", always({})))
-# Any free robot goes on with the work that one robot has begun for itself.
-add("per_robot_conditions_are_anybodys", (demands, "eligible", always(None)))
 # Nothing is kept of a job that has ended: late news begins it again.
 add("ended_jobs_are_forgotten", (jobs, "_is_kept", always(False)))
 # Operators' cancellations and ends of jobs do not keep robots from them.

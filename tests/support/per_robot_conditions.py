@@ -7,9 +7,10 @@ from dataclasses import replace
 from mrbt_mesh.core.bt.tree import NodeSpec
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.values.traits import Traits
 from tests.support.build import action, condition, fallback, make_mission, sequence
 
-HOLDING = ConditionType("holding", (), default=False, per_robot=True)
+HOLDING = ConditionType("holding", (), default=False, traits=Traits(per_robot=True))
 
 
 def per_robot_mission(tree: NodeSpec, *others: ConditionType) -> Mission:

@@ -126,7 +126,7 @@ def first_difference(spec: NodeSpec, source: random.Random, steps: int = 30) -> 
         theirs = status, {name: reference.starts[name] for name in sorted(reference.running)}
         if ours != theirs:
             return f"{'; '.join(told)}: {ours}, and the reference {theirs}"
-        known = [name for name in CONDITIONS if world.mission.knows_condition(name)]
+        known = [name for name in CONDITIONS if world.mission.entries.is_condition(name)]
         if asked and (not known or source.random() < 0.5):
             name, success = source.choice(sorted(asked)), source.random() < 0.7
             told.append(f"{name} {'succeeds' if success else 'fails'}")

@@ -311,7 +311,7 @@ class _Foreseen(PresentFacts):
         return Status.FAILURE
 
     def condition(self, name: str) -> bool:
-        return self._case.mission.condition_default(name)
+        return self._case.mission.entries.default(name)
 
     def task_status(self, subject: str, activation: str) -> Status:
         return self.statuses.get(activation, Status.RUNNING)
@@ -374,7 +374,7 @@ def with_fixed_conditions(mission: Mission) -> Mission:
 
     def fixed(spec: NodeSpec) -> NodeSpec:
         if spec.kind is Kind.CONDITION:
-            holds = mission.condition_default(spec.subject)
+            holds = mission.entries.default(spec.subject)
             return NodeSpec(Kind.FORCE_SUCCESS if holds else Kind.FORCE_FAILURE, (spec,))
         return replace(spec, children=tuple(map(fixed, spec.children)))
 

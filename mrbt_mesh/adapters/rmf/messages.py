@@ -15,6 +15,7 @@ from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import robot_condition
+from mrbt_mesh.features.values.traits import traits_of
 from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.job_types import arguments_schema, job_types
@@ -158,7 +159,8 @@ def _robot(observer: Observer, robot: str, now_ms: int) -> dict[str, Any]:
 def charge(observer: Observer, robot: str) -> float | None:
     """Return the robot's blackboard entry `battery` as a fraction of its maximum, or None."""
     mission = observer.mission
-    kind = mission.conditions[BATTERY].values if BATTERY in mission.per_robot else None
+    is_own = mission.entries.is_own(BATTERY)
+    kind = traits_of(mission.conditions[BATTERY]).values if is_own else None
     if kind is None or not kind.is_number or kind.high <= 0:
         return None
     value = observer.facts.conditions.entry(robot_condition(BATTERY, robot))

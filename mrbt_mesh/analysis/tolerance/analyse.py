@@ -49,9 +49,9 @@ def assumptions(mission: Mission) -> tuple[str, ...]:
     own = sorted(
         {
             name
-            for g in mission.per_robot.guards.values()
+            for g in mission.entries.guards.values()
             for name, _ in g
-            if name in mission.per_robot
+            if mission.entries.is_own(name)
         }
     )
     left_out += [f"{name}, which every robot has for itself" for name in own]

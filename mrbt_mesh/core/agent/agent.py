@@ -331,10 +331,9 @@ class Agent:
             self._heartbeats.send_if_due(plan, now_us)
 
     def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
-        mission = self._context.mission
         self._act_before_plan(now_us)
-        if mission.has_own_conditions and self._context.facts.mission.per_robot.leaves:
-            self._reports.contradict(now_us)
+        for settle in self._parts.settle:
+            settle(now_us)
         if self._awaits_joining(now_us) or self._awaits_news(events, now_us):
             return
         if not self._planner.is_current:

@@ -16,7 +16,7 @@ from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
-from mrbt_mesh.core.facts.records import Claim, NoClaim
+from mrbt_mesh.core.facts.records import Claim, ConditionValue, NoClaim
 from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
@@ -32,6 +32,7 @@ from mrbt_mesh.core.membership.wire import (
     RecordingHead,
     encode,
 )
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_REASONS = 1_000
@@ -136,6 +137,13 @@ class Context:
     def claim(self) -> Fact:
         """The fact about what this robot works on, and where it is."""
         return records.CLAIM, self.work.claim or NoClaim(self.place)
+
+    def last_word(self, name: str) -> Value | None:
+        """The value that this robot itself last wrote for a condition."""
+        entry = self.facts.map.get(self.me, f"{records.CONDITION}/{name}")
+        if entry is not None and isinstance(entry.record, ConditionValue):
+            return entry.record.value
+        return self.mission.entries.default_of(name)
 
     # -- effects ------------------------------------------------------------------------------
 

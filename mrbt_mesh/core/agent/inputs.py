@@ -11,7 +11,7 @@ from mrbt_mesh.core.facts.records import TravelTimes
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.envelope import Envelope
 from mrbt_mesh.core.membership.wire import MessageKind, Position, RecordingHead
-from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.scheduling.problem import Schedule
 

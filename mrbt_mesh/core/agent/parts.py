@@ -72,6 +72,7 @@ class Parts:
         self._start_policy: list[Callable[[GlobalTask], StartPolicy | None]]
         self._start_policy = self._own("start_policy")
         self.started: list[Callable[[StartAction, int], None]] = self._own("started")
+        self.settle: list[Callable[[int], None]] = self._own("settle")
         self.prepare: list[Callable[[Plan, int], None]] = self._own("prepare")
         self.perform: list[Callable[[Plan, int], None]] = self._own("perform")
         self.next_us: list[Callable[[int], int | None]] = self._own("next_us")

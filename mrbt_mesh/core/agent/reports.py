@@ -15,7 +15,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import ConditionValue, Outcome
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
-from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.names import split_owner
 from mrbt_mesh.core.planning.outcome_tick import facts_of_tick
@@ -63,7 +63,7 @@ class Reports:
         if action.values:
             names = action.called
         ends = context.mission.conditions_after_end(**names, success=event.success, reason=reason)
-        job = parse_activation(action.activation).job if context.mission.has_blackboard else ""
+        job = parse_activation(action.activation).job
         conditions = self._changed_conditions([*event.conditions, *ends], job)
         if conditions and context.facts.task_of(action.activation) is not None:
             version = context.replica.next_version
@@ -113,7 +113,7 @@ class Reports:
         """
         if self._context.is_new:
             mission = self._context.mission
-            known = {n: v for n, v in values.items() if mission.knows_entry(split_owner(n)[0])}
+            known = {n: v for n, v in values.items() if mission.entries.knows(split_owner(n)[0])}
             self._unsaid |= known
             values = {n: v for n, v in values.items() if n not in known}
         changed = self._changed_conditions(values.items(), job)
@@ -133,41 +133,18 @@ class Reports:
         changed: dict[str, ConditionValue] = {}
         stamp = facts.max_stamp + 1
         for given, value in conditions:
-            name = context.mission.condition_of(context.me, given, job)
+            name = context.mission.entries.of(context.me, given, job)
             revision = facts.conditions.revision(name)
-            if not context.mission.can_be_set(name):
+            if not context.mission.entries.can_be_set(name):
                 context.log("error", "condition_not_declared", condition=name)
             elif facts.conditions.entry(name) != value:
                 changed[name] = ConditionValue(value, revision + 1, stamp)
-            elif revision and name != given and self._last_word(name) != value:
+            elif revision and name != given and context.last_word(name) != value:
                 # Other robots wrote this about this robot, which no longer contradicts them.
                 changed[name] = ConditionValue(value, revision, stamp)
             else:
                 changed.pop(name, None)
         return changed
-
-    def _last_word(self, name: str) -> Value | None:
-        """The value that this robot itself last wrote for a condition."""
-        context = self._context
-        entry = context.facts.map.get(context.me, f"{records.CONDITION}/{name}")
-        if entry is not None and isinstance(entry.record, ConditionValue):
-            return entry.record.value
-        return context.mission.default_of(name)
-
-    def contradict(self, now_us: int) -> None:
-        """Write the robot's own conditions again if others, not hearing it, took them for lost."""
-        context, facts = self._context, self._context.facts
-        if context.is_leaving or context.me not in context.mission.robots:
-            return
-        changed: dict[str, ConditionValue] = {}
-        for read in facts.mission.per_robot.read:
-            name = context.mission.condition_of(context.me, read)
-            value = self._last_word(name)
-            if facts.conditions.entry(name) != value:
-                revision = facts.conditions.revision(name) + 1
-                changed[name] = ConditionValue(value, revision, facts.max_stamp + 1)
-        if changed:
-            context.write(_condition_facts(changed), now_us)
 
     # -- leaving ------------------------------------------------------------------------------
 

@@ -25,9 +25,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
 from mrbt_mesh.core.bt.guards import Expression, Guard, GuardWithActions
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision, Revision
-from mrbt_mesh.core.mission.blackboard import Value, comparison_of
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import robot_condition, split_owner
+from mrbt_mesh.core.mission.names import split_owner
 
 _NOT_SET = ConditionValue(None, 0, 0), ""
 
@@ -37,7 +37,7 @@ class Conditions:
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
-        self._has_values = mission.has_blackboard
+        self._has_values = mission.entries.has_values
         self._by_author: dict[str, dict[str, ConditionValue]] = {}
         self._standing: dict[str, tuple[ConditionValue, str]] = {}
         # Cached, as they are read at every tick: standing values, and defaults that were needed.
@@ -60,7 +60,7 @@ class Conditions:
         """Read the guards of this mission's tree from now on, as the jobs in it have changed."""
         before, self._mission = self._expressions, mission
         actions_before = self._with_actions
-        self._expressions = mission.per_robot.guard_expressions
+        self._expressions = mission.entries.expressions
         self._with_actions = mission.evaluator.with_actions
         self._readers.clear()
         for expression in self._expressions.values():
@@ -121,11 +121,11 @@ class Conditions:
         if not self._has_values:
             return self.value(name)
         standing = self._standing.get(name)
-        return self._mission.default_of(name) if standing is None else standing[0].value
+        return self._mission.entries.default_of(name) if standing is None else standing[0].value
 
     def of_robot(self, robot: str, name: str) -> bool:
         """True if the condition holds for a robot: its own one if every robot has its own."""
-        return self.value(robot_condition(name, robot) if name in self._mission.per_robot else name)
+        return self.value(self._mission.entries.of(robot, name))
 
     def after(self, changes: Mapping[str, Value | None]) -> dict[str, bool]:
         """The values that conditions and comparisons would have after these changes of entries."""
@@ -134,14 +134,15 @@ class Conditions:
 
     def _read(self, name: str, changes: Mapping[str, Value | None]) -> bool:
         """True if a condition holds after these changes."""
-        if self._mission.has_own_conditions and name in self._mission.per_robot:
-            own = (robot_condition(name, robot) for robot in self._mission.robots)
-            return any(self._read(each, changes) for each in own)
-        comparison = comparison_of(name) if self._has_values else None
-        if comparison is not None:
-            entry = comparison.entry
-            value = changes[entry] if entry in changes else self.entry(entry)
-            return self._mission.compare(name, value)
+        entries = self._mission.entries
+        if not entries.is_plain:
+            found = entries.derived(
+                name,
+                lambda each: self._read(each, changes),
+                lambda each: changes[each] if each in changes else self.entry(each),
+            )
+            if found is not None:
+                return found
         if name in changes:
             return bool(changes[name])
         standing = self._standing.get(name)
@@ -149,7 +150,7 @@ class Conditions:
 
     def _affected(self, name: str) -> Iterator[str]:
         """The conditions that depend on a condition or entry, including a condition itself."""
-        if not self._has_values or not self._mission.holds_value(name):
+        if not self._mission.entries.is_value(name):
             yield name
             if "@" in name:
                 yield split_owner(name)[0]
@@ -166,7 +167,7 @@ class Conditions:
 
     def seen(self, name: str) -> Revision:
         """What to note of a condition or entry when it is read."""
-        if not self._has_values or not self._mission.holds_value(name):
+        if not self._mission.entries.is_value(name):
             return self.revision(name)
         value, author = self._standing.get(name, _NOT_SET)
         return value.revision, value.stamp, author
@@ -188,10 +189,10 @@ class Conditions:
     def entries(self) -> dict[str, str]:
         """The blackboard entries that are set, without conditions, and their values as texts."""
         found = {}
-        for name in sorted(filter(self._mission.holds_value, self._standing)):
+        for name in sorted(filter(self._mission.entries.is_value, self._standing)):
             value = self.entry(name)
             if value is not None:
-                found[name] = self._mission.entry_text(name, value)
+                found[name] = self._mission.entries.text(name, value)
         return found
 
     def names(self) -> list[str]:
@@ -203,7 +204,7 @@ class Conditions:
         if default is None:
             expression = self._expressions.get(name)
             if expression is None or " " in name:
-                default = self._mission.condition_default(name)
+                default = self._mission.entries.default(name)
             else:
                 at_first = (0,) * len(expression.conditions)
                 default = expression_value(self._mission, expression, at_first)
@@ -282,7 +283,7 @@ class Conditions:
 
     def _value_at(self, expression: Expression, read: Sequence[Revision]) -> bool:
         """True if an expression holds, given what is known of its conditions now."""
-        if self._has_values and any(map(self._mission.holds_value, expression.conditions)):
+        if self._has_values and any(map(self._mission.entries.is_value, expression.conditions)):
             return self.value(expression.id)
         return expression_value(self._mission, expression, read)
 
@@ -328,6 +329,6 @@ def expression_value(
     holding = {
         name
         for name, revision in zip(expression.conditions, revisions, strict=True)
-        if isinstance(revision, int) and mission.condition_default(name) ^ bool(revision % 2)
+        if isinstance(revision, int) and mission.entries.default(name) ^ bool(revision % 2)
     }
     return mission.evaluator.holds(expression, holding)

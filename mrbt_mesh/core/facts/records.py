@@ -26,7 +26,7 @@ from mrbt_mesh.core.facts.values import (
     texts_by_reason,
 )
 from mrbt_mesh.core.feature import features
-from mrbt_mesh.core.mission.blackboard import MAX_TEXT, MAX_UNITS, Value
+from mrbt_mesh.core.mission.conditions import MAX_TEXT, MAX_UNITS, Value
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_PRIORITY, MAX_ROBOTS
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_TIMED_PLACES

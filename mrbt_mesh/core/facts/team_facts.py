@@ -44,7 +44,7 @@ from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Vers
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed, task_of_activation
 from mrbt_mesh.core.feature import Index, JointFacts, features
-from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.jobs import OpenJob, place_at, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
 from mrbt_mesh.core.mission.names import type_name
@@ -210,7 +210,7 @@ class TeamFacts:
         """The value of a blackboard entry, by the name that a robot's program uses in a task of
         this job; None if it is not set.
         """
-        return self.conditions.entry(self.declared.condition_of(robot, name, job))
+        return self.conditions.entry(self.declared.entries.of(robot, name, job))
 
     def turns(self, name: str, value: bool) -> int:
         """How often the condition or expression has changed to `value`."""
@@ -403,7 +403,7 @@ class TeamFacts:
         found = []
         for read in task.reads:
             value = self.entry("", read, job)
-            found.append(None if value is None else self.declared.entry_text(read, value))
+            found.append(None if value is None else self.declared.entries.text(read, value))
         return tuple(found)
 
     # -- activations of global tasks ----------------------------------------------------------

@@ -41,11 +41,9 @@ from mrbt_mesh.core.facts.revisions import MAX_DIGITS as MISSION_DIGITS
 from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.feature import features
-from mrbt_mesh.core.mission.blackboard import comparison_of, is_argument
-from mrbt_mesh.core.mission.conditions import any_of, entry_reader
 from mrbt_mesh.core.mission.jobs import task_of_job, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
-from mrbt_mesh.core.mission.names import is_job_id, is_robot_id
+from mrbt_mesh.core.mission.names import is_argument, is_job_id, is_robot_id
 from mrbt_mesh.errors import FileError
 
 # The number of an archive has fewer digits than this.
@@ -220,39 +218,37 @@ def _refuse_place(place: str, mission: Mission) -> str | None:
 
 def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
     """Check the value. A boolean alternates from its default, so value and revision must agree."""
-    if not mission.can_be_set(name):
+    if not mission.entries.can_be_set(name):
         return f"condition {name!r} is not declared, or not of this robot"
     record = entry.record
     assert isinstance(record, ConditionValue)
-    if problem := mission.value_problem(name, record.value):
+    if problem := mission.entries.problem(name, record.value):
         return f"{name!r}: {problem}"
-    if mission.holds_value(name):
+    if mission.entries.is_value(name):
         return None
-    if record.value != (mission.condition_default(name) ^ bool(record.revision % 2)):
+    if record.value != (mission.entries.default(name) ^ bool(record.revision % 2)):
         return f"condition {name!r}: value and revision {record.revision} disagree"
     return None
 
 
 def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     """Check that an expression's revision follows from those read, and is at most their sum."""
-    expression = mission.per_robot.guard_expressions.get(name)
+    expression = mission.entries.expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
-    job, comparison = job_in_guard(name), comparison_of(name)
-    if guard is None and comparison and mission.jobs and mission.knows_condition(name):
-        # An expression of a job, with its id or one of its arguments.
-        own = mission.per_robot
-        reader = entry_reader(name, comparison.entry)
-        expression = guard = any_of(name, own.robots) if name in own else reader
+    of_job = mission.entries.expression_of_job(name) if guard is None and mission.jobs else None
+    job = job_in_guard(name)
+    if of_job is not None:
+        expression = guard = of_job
     elif job and guard is None:
         # A guard of a job, which may not be known here yet: use the guard of its type.
         name = name.replace(f"@{job}", "", 1)
-        expression = mission.per_robot.guard_expressions.get(name)
+        expression = mission.entries.expressions.get(name)
         guard = expression or mission.evaluator.with_actions.get(name)
     if guard is None:
         return f"{name!r:.80} is not a guard of several conditions in this mission's tree"
     record = entry.record
     assert isinstance(record, ExpressionRevision)
-    reads_value = any(map(mission.holds_value, guard.conditions))
+    reads_value = any(map(mission.entries.is_value, guard.conditions))
     numbers = [each for each in record.read if isinstance(each, int)]
     fits = len(numbers) == (0 if reads_value else len(record.read))
     fits = fits and len(record.read) == len(guard.conditions)

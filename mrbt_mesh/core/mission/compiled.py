@@ -9,7 +9,6 @@ from typing import Any
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
 from mrbt_mesh.core.feature import features, used
-from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT, MAX_UNITS, is_argument
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.jobs import may_be_above_jobs, most_nodes, with_one_of_each
 from mrbt_mesh.core.mission.mission import (
@@ -127,16 +126,9 @@ def _check(mission: Mission) -> None:
 
 
 def _check_condition(condition: ConditionType) -> None:
-    here, default, values = f"condition {condition.name}", condition.default, condition.values
-    _expect(isinstance(condition.per_robot, bool) and isinstance(condition.per_job, bool), here)
-    if values is None:
-        _expect(isinstance(default, bool) and not condition.per_job, here)
-        return
-    numbers = (values.longest, values.low, values.high, values.decimals)
-    _expect(all(_is_integer(each, -MAX_UNITS, MAX_UNITS) for each in numbers), here)
-    _expect(0 <= values.longest <= MAX_TEXT and 0 <= values.decimals <= MAX_DECIMALS, here)
-    _expect(all(map(is_argument, values.choices)) and values.low <= values.high, here)
-    _expect(default is None or values.fits(default), f"{here}: default")
+    traits, default = condition.traits, condition.default
+    fits = isinstance(default, bool) if traits is None else traits.fits(default)
+    _expect(fits, f"condition {condition.name}")
 
 
 def _check_revision(mission: Mission) -> None:
@@ -208,13 +200,13 @@ def _check_global_tasks(mission: Mission) -> None:
         ):
             _expect(after is None or (type(after) is int and after > 0), f"{here}: {key}")
         for condition, value in goal.effects:
-            is_known = mission.knows_entry(condition) and isinstance(value, bool)
+            is_known = mission.entries.knows(condition) and isinstance(value, bool)
             _expect(is_known, f"{here}: effect on {condition!r}")
         _expect(isinstance(goal.preemptive, bool), f"{here}: preemptive")
         problem = goal.joint.problem() if goal.joint is not None else ""
         _expect(not problem, f"{here}: {problem}")
         _expect(any(need.min_robots for need in goal.needs), f"{here}: no robot is needed")
-        _expect(all(each in mission.conditions for each in goal.reads), f"{here}: blackboard")
+        _expect(all(each in mission.conditions for each in goal.reads), f"{here}: entries")
         for need in goal.needs:
             name, arguments = split_call(need.local_task)
             declared = mission.local_tasks.get(name)
@@ -238,7 +230,7 @@ def _check_program_trees(mission: Mission) -> None:
         split_call(name)
         _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
         for _, condition in tree.outputs:
-            _expect(mission.knows_entry(condition), f"tree of {name}: output {condition!r}")
+            _expect(mission.entries.knows(condition), f"tree of {name}: output {condition!r}")
 
 
 def _check_travel(mission: Mission) -> None:
@@ -272,4 +264,4 @@ def _check_nodes(mission: Mission) -> None:
         if node.kind is Kind.ACTION:
             _expect(node.subject in mission.global_tasks, f"{here}: {node.subject!r}")
         elif node.kind is Kind.CONDITION:
-            _expect(mission.knows_condition(node.subject), f"{here}: {node.subject!r}")
+            _expect(mission.entries.is_condition(node.subject), f"{here}: {node.subject!r}")

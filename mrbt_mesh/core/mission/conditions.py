@@ -1,59 +1,67 @@
-"""Conditions, and those that every robot has for itself (`per: robot`), such as *holding*.
-
-There is one ground condition per robot of the mission: `holding@A1`. A leaf `holding` of T_G holds
-if it holds for at least one of them; its turns are counted like those of any expression of
-conditions (`bt.guards`), and a request behind it is for the robots for which it holds.
-
-Entries of the team's blackboard that hold other values are declared alike. The tree reads them with
-comparisons, which are conditions to it (`blackboard`).
-"""
+"""Declared conditions, other entries that are declared alike, and what their names mean."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
-from mrbt_mesh.core.bt.activation import ActivationNames
-from mrbt_mesh.core.bt.guards import Expression, Guard
-from mrbt_mesh.core.bt.tree import Kind, NodeSpec
-from mrbt_mesh.core.mission.blackboard import Value, ValueType, comparison_of
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.failure_reasons import FailureReason
-from mrbt_mesh.core.mission.names import (
-    declared_name,
-    is_job_id,
-    owning_job,
-    robot_condition,
-    split_owner,
-)
+
+# Of a condition or another entry; None: it is not set.
+Value: TypeAlias = bool | int | str
+# The longest text, the largest number, and the most decimals.
+MAX_TEXT = 64
+MAX_UNITS = 10**15
+MAX_DECIMALS = 6
+
+
+class EntryTraits(ABC):
+    """What a feature has a mission declare of a condition or another entry."""
+
+    @property
+    @abstractmethod
+    def is_truth(self) -> bool:
+        """Whether it is a condition: true or false."""
+
+    @abstractmethod
+    def fits(self, default: Value | None) -> bool:
+        """Whether the traits are not damaged, and an entry with them may have this default."""
+
+    @abstractmethod
+    def to_json(self) -> list[Any]:
+        """Plain data: whether something is unusual of a condition, and what there is of others."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionType:
-    """A declared condition, or another entry of the blackboard with `values`; `default` is the
-    value of a ground one that nobody has set, None if it has none.
+    """A declared condition, or another entry by its `traits`; `default` is the value of a ground
+    one that nobody has set, None if it has none.
 
-    `per_robot`: every robot of the mission has its own, `per_job`: every job. `failure`: it follows
-    from failure reasons, and robots' programs do not set it.
+    `failure`: it follows from failure reasons, and robots' programs do not set it.
     """
 
     name: str
     parameters: tuple[str, ...] = ()
     default: Value | None = False
-    per_robot: bool = False
     failure: FailureReason | None = None
-    values: ValueType | None = None
-    per_job: bool = False
+    traits: EntryTraits | None = None
+
+    @property
+    def is_truth(self) -> bool:
+        """Whether it is true or false."""
+        return self.traits is None or self.traits.is_truth
 
     def to_json(self) -> list[Any]:
         """Its fields in their order; the last ones only where they differ from the usual."""
-        row = [list(self.parameters), self.default]
-        if self.values is not None:
-            return [*row, self.per_robot, None, self.values.to_json(), self.per_job]
-        if self.failure is not None:
-            return [*row, self.per_robot, self.failure.to_json()]
-        return [*row, True] if self.per_robot else row
+        first, *more = self.traits.to_json() if self.traits is not None else [False]
+        failure = self.failure.to_json() if self.failure is not None else None
+        rest = [first, failure, *more]
+        while rest and not more and not rest[-1]:
+            rest.pop()
+        return [list(self.parameters), self.default, *rest]
 
     def after_end(
         self, global_task: str, local_task: str, success: bool, reason: str
@@ -74,106 +82,17 @@ def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
 
 
 def _condition_from_json(name: str, row: list[Any]) -> ConditionType:
-    parameters, *more = row
-    usual: list[Any] = [False, False, None, None, False]
-    default, per_robot, failure, values, per_job = more + usual[len(more) :]
+    parameters, *given = row
+    usual: list[Any] = [False, False, None]
+    default, first, failure, *more = given + usual[len(given) :]
     reason = None if failure is None else FailureReason.from_json(failure)
-    kind = None if values is None else ValueType(tuple(values[0]), *values[1:])
-    return ConditionType(name, tuple(parameters), default, per_robot, reason, kind, per_job)
-
-
-def any_of(condition: str, robots: Iterable[str]) -> Expression:
-    """Whether a condition holds for any of the robots, as a leaf reads it. Its id is its name."""
-    names = tuple(sorted(robot_condition(condition, robot) for robot in robots))
-    leaves = tuple(NodeSpec(Kind.CONDITION, subject=name) for name in names)
-    return Expression(condition, NodeSpec(Kind.FALLBACK, leaves), names)
-
-
-def entry_reader(comparison: str, entry: str) -> Expression:
-    """A comparison, as a leaf reads it. Its id is its name, and it follows from one entry."""
-    return Expression(comparison, NodeSpec(Kind.CONDITION, subject=comparison), (entry,))
-
-
-class PerRobotConditions:
-    """The conditions that every robot has for itself, and the nodes of the tree that read them.
-
-    `robots`: those of the mission, sorted.
-    """
-
-    def __init__(
-        self, declared: Mapping[str, ConditionType], robots: Sequence[str], names: ActivationNames
-    ) -> None:
-        self.robots = robots
-        self._declared = declared
-        self._names = names
-
-    def __contains__(self, ground: str) -> bool:
-        """Whether every robot has its own value of a condition, by the name that a leaf reads."""
-        known = self._declared.get(declared_name(ground))
-        return known is not None and known.per_robot and not split_owner(ground)[1]
-
-    def names_owner(self, name: str) -> bool:
-        """Whether a condition is of the team, of a robot, or of a job, as it must: `holding@A1`."""
-        condition, owner = split_owner(name)
-        known = self._declared.get(declared_name(name))
-        if known is not None and known.per_job:
-            return is_job_id(owning_job(name))
-        return owner in self.robots if condition in self else name == condition
-
-    @cached_property
-    def leaves(self) -> list[str]:
-        """Those that the tree reads, sorted."""
-        nodes = self._names.tree.nodes
-        return sorted({n.subject for n in nodes if n.kind is Kind.CONDITION and n.subject in self})
-
-    @cached_property
-    def read(self) -> list[str]:
-        """The conditions and entries that these leaves read, sorted."""
-        comparisons = ((leaf, comparison_of(leaf)) for leaf in self.leaves)
-        return sorted({leaf if each is None else each.entry for leaf, each in comparisons})
-
-    @cached_property
-    def guard_expressions(self) -> dict[str, Expression]:
-        """The expressions that are guards, by id; also conditions of any robot, and comparisons."""
-        leaves = {name: any_of(name, self.robots) for name in self.leaves}
-        if all(known.values is None for known in self._declared.values()):
-            return self._names.expressions | leaves
-        nodes = self._names.tree.nodes
-        subjects = {node.subject for node in nodes if node.kind is Kind.CONDITION} - leaves.keys()
-        subjects.update(name for leaf in leaves.values() for name in leaf.conditions)
-        pairs = ((name, comparison_of(name)) for name in sorted(subjects))
-        readers = {name: entry_reader(name, each.entry) for name, each in pairs if each is not None}
-        return self._names.expressions | leaves | readers
-
-    def read_by(self, guard: str) -> tuple[str, ...]:
-        """The conditions that a guard of several nodes reads, as the tree names them."""
-        known = self._names.with_actions.get(guard)
-        if known is not None:
-            return known.conditions
-        return (guard,) if guard in self else self.guard_expressions[guard].conditions
-
-    @cached_property
-    def guards(self) -> dict[int, tuple[Guard, ...]]:
-        """By action node: its guards that a robot reads its own way; nodes without are left out.
-
-        Of guards with actions only Sequences and Fallbacks are read with a robot's own values.
-        """
-        nodes, in_order = self._names.tree.nodes, (Kind.SEQUENCE, Kind.FALLBACK)
-        with_actions = self._names.with_actions.items()
-        asking = {name: each for name, each in with_actions if nodes[each.node].kind in in_order}
-        own = {
-            name
-            for name, each in (self.guard_expressions | asking).items()
-            if name in self or any(condition in self for condition in each.conditions)
-        }
-        if not own:
-            return {}
-        found = {}
-        for node in self._names.tree.actions():
-            guards = tuple(g for g in self._names.guards_of[node.index] if g[0] in own)
-            if guards:
-                found[node.index] = guards
-        return found
+    traits = None
+    if first is not False or more:
+        found = (feature.condition_traits([first, *more]) for feature in features())
+        traits = next((each for each in found if each is not None), None)
+        if traits is None:
+            raise ValueError(f"condition {name}: unknown traits")
+    return ConditionType(name, tuple(parameters), default, reason, traits)
 
 
 def truth_of(value: Any) -> bool | None:

@@ -11,30 +11,28 @@ import enum
 import hashlib
 import json
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from mrbt_mesh.core.assignment.solve import needs_arrays
+from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
 from mrbt_mesh.core.feature import JointPolicy, Limits, PlanStep, features, used
-from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
-    PerRobotConditions,
+    Value,
     conditions_from_json,
 )
 from mrbt_mesh.core.mission.names import (
     bound,
     declared_name,
     entries_in,
-    job_entry,
     placeholder,
-    robot_condition,
     split_call,
-    split_owner,
     type_name,
 )
 from mrbt_mesh.core.mission.program_trees import (
@@ -470,6 +468,114 @@ class Revision:
         return cls(number, team, next_node, parts), numbers
 
 
+class MissionEntries:
+    """The conditions of one mission, and how its tree reads them. A feature may have other entries,
+    and other names for them (`Feature.entries`).
+
+    `declared`: conditions and other entries, by type. `robots`: those of the mission, sorted.
+    `has_values`: there are entries that are neither true nor false. `leaves`: what the tree reads
+    that each robot has for itself, sorted, and `read` the entries that these leaves read. `guards`:
+    by action node, its guards that a robot reads its own way.
+    """
+
+    has_values = False
+    leaves: Sequence[str] = ()
+    read: Sequence[str] = ()
+    guards: Mapping[int, tuple[Guard, ...]] = {}
+    is_plain: ClassVar[bool] = True
+
+    def __init__(
+        self, declared: Mapping[str, ConditionType], robots: Sequence[str], names: ActivationNames
+    ) -> None:
+        self.declared = declared
+        self.robots = robots
+        self.names = names
+
+    # -- names --------------------------------------------------------------------------------
+
+    def knows(self, ground: str) -> bool:
+        """Whether `ground` is a declared condition or entry, with its number of arguments."""
+        try:
+            name, arguments = split_call(ground)
+        except ValueError:
+            return False
+        known = self.declared.get(name)
+        return known is not None and len(known.parameters) == len(arguments)
+
+    def is_condition(self, ground: str) -> bool:
+        """Whether a leaf may read `ground`."""
+        return self.knows(ground)
+
+    def can_be_set(self, name: str) -> bool:
+        """Whether this is a condition or entry that facts may set."""
+        return self.knows(name)
+
+    def is_value(self, ground: str) -> bool:
+        """Whether this is an entry that is neither true nor false."""
+        return False
+
+    def is_own(self, ground: str) -> bool:
+        """Whether every robot has its own value, by the name that a leaf reads."""
+        return False
+
+    def of(self, robot: str, name: str, job: str = "") -> str:
+        """A condition or entry as a robot's program names it in a task of this job: the robot's or
+        the job's own, if every robot or job has its own.
+        """
+        return name
+
+    def called(self, name: str) -> str:
+        """What to call a declared one for people."""
+        return f"condition {name}"
+
+    # -- values -------------------------------------------------------------------------------
+
+    def default_of(self, ground: str) -> Value | None:
+        """The value of a condition or another entry while nobody has set it; None: it has none."""
+        known = self.declared.get(declared_name(ground))
+        return known.default if known is not None else None
+
+    def default(self, ground: str) -> bool:
+        """Whether `ground` holds while nobody has set anything; False if it is not declared."""
+        return bool(self.default_of(ground))
+
+    def problem(self, name: str, value: Any) -> str:
+        """What is wrong with a value for a condition or entry; empty if it fits. None: not set."""
+        return "" if isinstance(value, bool) else "it is true or false"
+
+    def text(self, ground: str, value: Value | None) -> str:
+        """A value of an entry, or a condition, as an argument and for people."""
+        return "not set" if value is None else str(value).lower()
+
+    def samples(self, name: str) -> Sequence[str]:
+        """Arguments to check for all values of a declared entry; empty if there are none."""
+        return ()
+
+    def derived(
+        self, name: str, holds: Callable[[str], bool], value: Callable[[str], Value | None]
+    ) -> bool | None:
+        """Whether a condition holds that follows from others or from an entry; None: it is set
+        itself. `holds` and `value` read conditions and entries.
+        """
+        return None
+
+    # -- the tree -----------------------------------------------------------------------------
+
+    @property
+    def expressions(self) -> Mapping[str, Expression]:
+        """The expressions that are guards, by id."""
+        return self.names.expressions
+
+    def expression_of_job(self, name: str) -> Expression | None:
+        """The expression of this id in the tree of a job that may not be known here yet."""
+        return None
+
+    def read_by(self, guard: str) -> tuple[str, ...]:
+        """The conditions that a guard of several nodes reads, as the tree names them."""
+        known = self.names.with_actions.get(guard)
+        return known.conditions if known is not None else self.expressions[guard].conditions
+
+
 @dataclass(frozen=True)
 class Mission:
     """Everything that all robots of a team must agree on before they start.
@@ -594,108 +700,17 @@ class Mission:
         """Whether any task fails by the paper's count."""
         return any(task.failure is FailurePolicy.PAPER for task in self.all_tasks())
 
-    def condition_default(self, ground: str) -> bool:
-        """Whether `ground` holds while nobody has set anything; False if it is not declared."""
-        comparison = comparison_of(ground) if self.has_blackboard else None
-        if comparison is None:
-            return bool(self.default_of(ground))
-        return self.compare(ground, self.default_of(comparison.entry))
-
-    def default_of(self, ground: str) -> Value | None:
-        """The value of a condition or another entry while nobody has set it; None: it has none."""
-        known = self.conditions.get(declared_name(ground))
-        return known.default if known is not None else None
-
-    def holds_value(self, ground: str) -> bool:
-        """Whether this is an entry of the blackboard that is no condition."""
-        if not self.has_blackboard:
-            return False
-        known = self.conditions.get(declared_name(ground))
-        return known is not None and known.values is not None and comparison_of(ground) is None
-
-    def compare(self, comparison: str, value: Value | None) -> bool:
-        """Whether a comparison holds if its entry has this value."""
-        values, read = self.conditions[declared_name(comparison)].values, comparison_of(comparison)
-        assert values is not None
-        assert read is not None
-        return values.holds(read, value)
-
-    def entry_text(self, ground: str, value: Value | None) -> str:
-        """A value of an entry, or a condition, as an argument and for people."""
-        if value is None:
-            return "not set"
-        known = self.conditions.get(declared_name(ground))
-        if known is None or known.values is None:
-            return str(value).lower()
-        return known.values.text(value)
-
     @cached_property
-    def per_robot(self) -> PerRobotConditions:
-        """The conditions that every robot has for itself."""
-        return PerRobotConditions(self.conditions, tuple(sorted(self.robots)), self.evaluator)
-
-    def condition_of(self, robot: RobotId, name: str, job: str = "") -> str:
-        """A condition or entry as a robot's program names it in a task of this job: the robot's or
-        the job's own, if every robot or job has its own.
-        """
-        if self.has_own_conditions and name in self.per_robot:
-            return robot_condition(name, robot)
-        if job and self.has_blackboard:
-            known = self.conditions.get(declared_name(name))
-            if known is not None and known.per_job and not split_owner(name)[1]:
-                return job_entry(name, job)
-        return name
-
-    @cached_property
-    def has_own_conditions(self) -> bool:
-        """Whether there are conditions that every robot has for itself."""
-        return any(known.per_robot for known in self.conditions.values())
+    def entries(self) -> MissionEntries:
+        """What names of conditions mean."""
+        given = self.conditions, tuple(sorted(self.robots)), self.evaluator
+        found = (feature.entries(*given) for feature in features())
+        return next((each for each in found if each is not None), None) or MissionEntries(*given)
 
     @cached_property
     def truths(self) -> dict[str, ConditionType]:
         """The declared conditions alone, which are true or false."""
-        return {name: known for name, known in self.conditions.items() if known.values is None}
-
-    @cached_property
-    def has_blackboard(self) -> bool:
-        """Whether there are entries other than conditions."""
-        return any(known.values is not None for known in self.conditions.values())
-
-    def can_be_set(self, name: str) -> bool:
-        """Whether this is a condition or entry of the team, of a robot of the mission
-        (`holding@A1`), or of a job.
-        """
-        if not self.has_own_conditions and not self.has_blackboard:
-            return self.knows_condition(name)
-        return _is_declared(split_owner(name)[0], self.conditions) and (
-            self.per_robot.names_owner(name)
-        )
-
-    def value_problem(self, name: str, value: Any) -> str:
-        """What is wrong with a value for a condition or entry; empty if it fits. None: not set."""
-        known = self.conditions[declared_name(name)]
-        if known.values is None:
-            return "" if isinstance(value, bool) else "it is true or false"
-        return "" if value is None or known.values.fits(value) else f"it is {known.values}"
-
-    def knows_entry(self, ground: str) -> bool:
-        """Whether `ground` is a declared condition, or entry, with its number of arguments."""
-        return _is_declared(ground, self.conditions)
-
-    def knows_condition(self, ground: str) -> bool:
-        """Whether a leaf may read `ground`: a declared condition, or a comparison of an entry with
-        a value of its type.
-        """
-        comparison = comparison_of(ground) if self.has_blackboard else None
-        if comparison is None:
-            return self.knows_entry(ground) and not self.holds_value(ground)
-        if not self.can_be_set(comparison.entry) and comparison.entry not in self.per_robot:
-            return False
-        try:
-            self.compare(ground, 0)
-        except (KeyError, TypeError, ValueError, AssertionError):
-            return False
-        return True
+        return {name: known for name, known in self.conditions.items() if known.is_truth}
 
     def is_failure_reason(self, ground: str) -> bool:
         """Whether a condition follows from failure reasons, so that programs do not set it."""
@@ -758,15 +773,6 @@ class Mission:
             "program": self.program,
             "costs": [dict(self.costs.robots), dict(self.costs.capabilities)],
         }
-
-
-def _is_declared(ground: str, declared: Mapping[str, ConditionType]) -> bool:
-    try:
-        name, arguments = split_call(ground)
-    except ValueError:
-        return False
-    known = declared.get(name)
-    return known is not None and len(known.parameters) == len(arguments)
 
 
 def mission_from_json(data: Mapping[str, Any]) -> Mission:

@@ -23,7 +23,7 @@ _VALUE = rf"(?:{ARGUMENT_PATTERN}|\${NAME_PATTERN})"
 _CALL = re.compile(rf"({NAME_PATTERN})(?:\(({_VALUE}(?:,{_VALUE})*)\))?")
 _READ = re.compile(rf"\$({NAME_PATTERN})")
 _ROBOT = re.compile(ROBOT_PATTERN)
-_JOB_ID = re.compile(ARGUMENT_PATTERN)
+_ARGUMENT = _JOB_ID = re.compile(ARGUMENT_PATTERN)
 
 
 def split_call(text: str) -> tuple[str, tuple[str, ...]]:
@@ -104,6 +104,11 @@ def name_order(name: str) -> tuple[tuple[bool, int, str], ...]:
     """A key that sorts names as people do: C2 before C10."""
     parts = re.findall(r"\d+|\D+", name)
     return tuple((part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts)
+
+
+def is_argument(text: str) -> bool:
+    """Whether a text may be an argument of a task."""
+    return _ARGUMENT.fullmatch(text) is not None
 
 
 def is_robot_id(text: str) -> bool:

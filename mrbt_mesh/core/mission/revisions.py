@@ -74,11 +74,9 @@ def _check(before: Mission, after: Mission) -> None:
     for name, condition in sorted(after.conditions.items()):
         known = before.conditions.get(name)
         if known is not None and known.to_json() != condition.to_json():
-            is_condition = condition.values is None and known.values is None
-            what = f"condition {name}" if is_condition else f"entry {name} of the blackboard"
             raise RevisionError(
-                f"{what} is declared otherwise than in the mission that runs: keep it as "
-                "it is there, or declare one of another name"
+                f"{after.entries.called(name)} is declared otherwise than in the mission that "
+                "runs: keep it as it is there, or declare one of another name"
             )
 
 
@@ -216,8 +214,7 @@ class _Parts:
 
     def _robots(self, conditions: set[str]) -> list[str]:
         """The robots of the mission, if each has one of these conditions for itself."""
-        own = self._mission.per_robot
-        has_own = self._mission.has_own_conditions and any(name in own for name in conditions)
+        has_own = any(map(self._mission.entries.is_own, conditions))
         return sorted(self._mission.robots) if has_own else []
 
     def _text(self, index: int, is_sorted: bool) -> str:

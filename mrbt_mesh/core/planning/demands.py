@@ -17,7 +17,6 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Need, SameRobotAs
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
-from mrbt_mesh.core.planning.per_robot import asks_for, eligible
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +136,13 @@ def request_demands(
     for, and for which the per-robot conditions among the request's guards hold.
     """
     mission = facts.mission
-    task, own, asked = mission.global_tasks[request.subject], None, ""
-    if mission.per_robot.guards:
-        own = eligible(facts, request) if is_restricted else None
-        asked = asks_for(facts, request)
+    task, asked = mission.global_tasks[request.subject], ""
+    own: Sequence[str] | None = None
+    for step in mission.plan_steps:
+        asked += step.asked_for(facts, request)
+        those = step.eligible(facts, request) if is_restricted else None
+        if those is not None:
+            own = those if own is None else [robot for robot in own if robot in those]
     able: list[Mapping[str, int]] = []
     for need in task.needs:
         found = capabilities.able(need.local_task)

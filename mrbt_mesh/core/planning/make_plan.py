@@ -34,7 +34,6 @@ from mrbt_mesh.core.planning.demands import (
     running_on,
 )
 from mrbt_mesh.core.planning.pending_failures import pending_failures
-from mrbt_mesh.core.planning.per_robot import pending_losses
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment, Waiting
 from mrbt_mesh.core.planning.schedules import Lookahead, by_schedule, look_ahead
 
@@ -208,7 +207,7 @@ def assign_agents(
         {each.part.name: each.part for each in found.offers if each.part is not None},
         demands,
         tuple(pending.values()),
-        pending_losses(facts, team) if mission.per_robot.leaves else (),
+        tuple(loss for step in mission.plan_steps for loss in step.losses(facts, team)),
         revision=facts.declared.revision,
         ahead=found.ahead,
     )

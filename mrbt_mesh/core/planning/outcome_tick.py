@@ -23,7 +23,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.job_ends import job_ends
 
@@ -67,7 +67,7 @@ def facts_of_tick(
     """
     mission = facts.declared
     after = {name: bool(value) for name, value in values.items()}
-    if mission.has_own_conditions or mission.has_blackboard:
+    if not mission.entries.is_plain:
         after = facts.conditions.after(values)
     evaluation = facts.mission.evaluator.evaluate_outcome(facts, activation, status, after)
     found = facts_of_tree(facts, evaluation)

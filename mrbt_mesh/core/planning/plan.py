@@ -16,11 +16,12 @@ import msgpack
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import TeamOrder
+from mrbt_mesh.core.facts.records import ConditionValue, TeamOrder
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.feature import PlanPart, features
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd, Revision
 from mrbt_mesh.core.planning.demands import Group
-from mrbt_mesh.core.planning.per_robot import PendingLoss
 from mrbt_mesh.core.planning.schedules import Lookahead
 
 # How many robots are listed by name.
@@ -93,6 +94,22 @@ class PendingFailure:
 
 # How an obstacle begins that only an operator's decision removes.
 UNDECIDED = "in doubt"
+
+
+@dataclass(frozen=True, slots=True)
+class PendingLoss:
+    """A condition that becomes false, or an entry that is not set any more, as its `revision`, if
+    every plan shows it for `Timing.failure_latch_us`: a robot outside the team had it.
+    """
+
+    condition: str
+    revision: int
+    value: Value | None = False
+
+    @property
+    def fact(self) -> Fact:
+        """The fact that it is lost; the same, whichever robot writes it."""
+        return f"{records.CONDITION}/{self.condition}", ConditionValue(self.value, self.revision, 0)
 
 
 @dataclass(frozen=True, slots=True)

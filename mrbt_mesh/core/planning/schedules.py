@@ -458,7 +458,7 @@ def _why_left_out(mission: Mission, request: Request, needs: Sequence[Scheduling
     assert travel is not None
     if mission.limits is not None:
         return f"the mission has {mission.limits.name}"
-    if request.node in mission.per_robot.guards:
+    if request.node in mission.entries.guards:
         return "it depends on conditions that every robot has for itself"
     if task.joint is not None and (reason := task.joint.why_unscheduled):
         return reason

@@ -18,6 +18,9 @@ class FeatureChaos:
 
     likes_places = False
 
+    def add_to_condition(self, declared: dict[str, Any]) -> None:
+        """Add the feature to a declared condition, as plain data."""
+
     def add_to_need(self, need: dict[str, Any]) -> None:
         """Add the feature to a need of a global task, as plain data."""
 

@@ -102,9 +102,6 @@ class _Generator:
         # Likewise local tasks with which robots may help and need not, in one mission of three.
         self.optional = random.Random(f"{seed}/optional")
         self.helping = self.optional.random() < 0.35
-        # Likewise conditions that every robot has for itself.
-        self.owned = random.Random(f"{seed}/owned")
-        self.owning = self.owned.random() < 0.25
         # Likewise what features add.
         chaos = (each.chaos(seed) for each in features())
         self.of_features = [each for each in chaos if each is not None]
@@ -187,8 +184,8 @@ class _Generator:
 
     def condition_type(self) -> dict[str, Any]:
         declared: dict[str, Any] = {"default": self.chance(0.3)}
-        if self.owning and self.owned.random() < 0.6:
-            declared |= {"default": False, "per": "robot"}
+        for each in self.of_features:
+            each.add_to_condition(declared)
         return declared
 
     def capabilities(self) -> dict[str, float]:

@@ -68,14 +68,14 @@ def lacked(facts: TeamFacts, activation: str, robot: str) -> str:
     of the activation in a Sequence or Fallback without memory, or in such a Sequence as the first
     child of a Fallback with an action, or as the alternative to actions that have failed.
     """
-    own = facts.mission.per_robot
+    own = facts.mission.entries
     if not own.leaves:
         return ""
     found = parse_activation(activation)
     node = facts.mission.evaluator.index_of.get((found.node, found.job), -1)
     tree = facts.mission.tree
     for barrier in (*barriers(tree), *_alternatives(tree), *_last_resorts(facts)):
-        is_own = any(name in own for name in barrier.conditions)
+        is_own = any(map(own.is_own, barrier.conditions))
         if is_own and node in barrier.behind:
             holding = {c for c in barrier.conditions if facts.condition_of(robot, c)}
             team = set(filter(facts.condition, barrier.conditions))

@@ -137,7 +137,7 @@ def _notes(facts: TeamFacts) -> Iterator[tuple[str, Revision]]:
     for entry in facts.map:
         if isinstance(entry.record, ExpressionRevision):
             mission, name = facts.mission, entry.parts[1]
-            expression = mission.per_robot.guard_expressions.get(name)
+            expression = mission.entries.expressions.get(name)
             guard = expression or mission.evaluator.with_actions.get(name)
             if guard is not None:  # else it is of a job that is not in the tree
                 yield from zip(guard.conditions, entry.record.read, strict=True)

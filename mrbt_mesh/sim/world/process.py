@@ -44,7 +44,7 @@ from mrbt_mesh.core.agent.inputs import (
     WallClockRead,
 )
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
-from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity

@@ -73,9 +73,9 @@ def test_a_capability_for_the_ground_task_goes_before_one_for_its_type() -> None
 def test_conditions_are_known_by_name_and_number_of_arguments() -> None:
     one = mission()
     names = ("open", "open(1)", "shut", "op en")
-    assert [name for name in names if one.knows_condition(name)] == ["open"]
-    assert one.condition_default("open") is True
-    assert one.condition_default("unheard_of") is False
+    assert [name for name in names if one.entries.is_condition(name)] == ["open"]
+    assert one.entries.default("open") is True
+    assert one.entries.default("unheard_of") is False
 
 
 def test_a_mission_survives_being_compiled() -> None:

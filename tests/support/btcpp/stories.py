@@ -255,7 +255,7 @@ def our_run(spec: NodeSpec, story: Story) -> list[Shown]:
 
     def set_all() -> None:
         for name, value in now.items():
-            if world.mission.knows_condition(name):
+            if world.mission.entries.is_condition(name):
                 world.set(name, value)
 
     def begin(step: int) -> None:

@@ -34,7 +34,7 @@ OWN_FILES: Mapping[str, str] = {
     "large_teams": r"ring",
     "revisions": r"revisions|revised|reviser",
     "travel": r"travel|scheduler|schedules|ahead|forecast|order|problem|dispatch|search|task_order",
-    "values": r"blackboard|per_robot",
+    "values": r"nothing",
 }
 # The one table of the kernel that lists features.
 TABLE = "feature.py"

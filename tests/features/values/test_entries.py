@@ -9,6 +9,7 @@ import pytest
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import mission_from_json
+from mrbt_mesh.features.values.traits import Traits
 from tests.support.build import action, condition, fallback, inverter, make_mission, sequence
 from tests.support.per_robot_conditions import TREE, per_robot_mission
 
@@ -30,17 +31,21 @@ from tests.support.per_robot_conditions import TREE, per_robot_mission
     ],
 )
 def test_which_conditions_robots_may_set(name: str, can_be_set: bool) -> None:
-    assert per_robot_mission(TREE, ConditionType("lid")).can_be_set(name) is can_be_set
+    assert per_robot_mission(TREE, ConditionType("lid")).entries.can_be_set(name) is can_be_set
 
 
 def test_a_robots_own_condition_may_have_arguments() -> None:
     """`holding(cup)` is read by the tree, `holding(cup)@A1` is one robot's value."""
-    holding = ConditionType("holding", ("item",), default=True, per_robot=True)
+    holding = ConditionType("holding", ("item",), default=True, traits=Traits(per_robot=True))
     tree = sequence(fallback(condition("holding(cup)"), action("pick")), action("place"))
     mission = replace(per_robot_mission(tree), conditions={"holding": holding})
-    assert "holding(cup)" in mission.per_robot
-    assert "holding(cup)@A1" not in mission.per_robot
-    assert [mission.can_be_set(f"holding({a})@A1") for a in ("cup", "box", "cup,box")] == [1, 1, 0]
+    assert mission.entries.is_own("holding(cup)")
+    assert not mission.entries.is_own("holding(cup)@A1")
+    assert [mission.entries.can_be_set(f"holding({a})@A1") for a in ("cup", "box", "cup,box")] == [
+        1,
+        1,
+        0,
+    ]
     facts = TeamFacts(mission, "r")
     assert facts.condition("holding(cup)")
     assert facts.condition("holding(cup)@A1")
@@ -57,12 +62,12 @@ def test_what_is_each_robots_own_is_kept_when_compiled() -> None:
 
 def test_guards_that_robots_read_their_own_way() -> None:
     """Node 3 is `pick`, node 4 `place`."""
-    assert per_robot_mission(TREE).per_robot.guards == {
+    assert per_robot_mission(TREE).entries.guards == {
         3: (("holding", True),),
         4: (("holding", False),),
     }
     compound = sequence(condition("lid"), inverter(condition("holding")))
     tree = sequence(fallback(compound, action("pick")), action("place"))
-    guards = per_robot_mission(tree).per_robot.guards
+    guards = per_robot_mission(tree).entries.guards
     assert {name for rows in guards.values() for name, _ in rows} == {"#2"}
-    assert make_mission(TREE).per_robot.guards == {}
+    assert make_mission(TREE).entries.guards == {}

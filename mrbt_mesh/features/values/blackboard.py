@@ -9,21 +9,15 @@ an argument, `fetch($found)`.
 from __future__ import annotations
 
 import operator
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
-from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN
+from mrbt_mesh.core.mission.conditions import Value
+from mrbt_mesh.core.mission.names import is_argument
 
-# Of an entry; None: it is not set.
-Value: TypeAlias = bool | int | str
-
-MAX_DECIMALS = 6
-MAX_UNITS = 10**15
-MAX_TEXT = 64
 EQUALITY: Mapping[str, Callable[[Any, Any], bool]] = {"==": operator.eq, "!=": operator.ne}
 OPERATORS: Mapping[str, Callable[[Any, Any], bool]] = {
     **EQUALITY,
@@ -32,7 +26,6 @@ OPERATORS: Mapping[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-_ARGUMENT = re.compile(ARGUMENT_PATTERN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,11 +112,6 @@ class ValueType:
     def to_json(self) -> list[Any]:
         """Plain data; `ValueType(*data)` takes it back, with a tuple of choices."""
         return [list(self.choices), self.longest, self.low, self.high, self.decimals]
-
-
-def is_argument(text: str) -> bool:
-    """Whether a text may be an argument of a task."""
-    return _ARGUMENT.fullmatch(text) is not None
 
 
 class EntryComparison(NamedTuple):
