@@ -9,6 +9,7 @@ import tokenize
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from mrbt_mesh.core.feature import NAMES
 from tests.support.structure.source import files, parsed
 
 # The words that name a feature in the kernel, and those of its files that are still among it.
@@ -39,8 +40,11 @@ OWN_FILES: Mapping[str, str] = {
 # The one table of the kernel that lists features.
 TABLE = "feature.py"
 _ASKS = re.compile(r"\b(?:if|elif|while|and|or|case|not)\b|\bis None\b")
-# Where one robot's process begins.
-AGENT = ("mrbt_mesh.cli.commands.agent", "mrbt_mesh.runtime.robot_process")
+# Where one robot's process begins, and what it imports by name in any mission.
+AGENT = (
+    *("mrbt_mesh.cli.commands.agent", "mrbt_mesh.runtime.robot_process"),
+    *(f"mrbt_mesh.features.{name}" for name in NAMES),
+)
 
 
 def code_lines(path: Path) -> Iterator[str]:
