@@ -45,9 +45,7 @@ class ExclusiveTasks(Feature):
     commands = {  # noqa: RUF012
         DECISION: CommandField(Decision, 3, is_of_activation=True, once=True)
     }
-    kinds = {  # noqa: RUF012
-        **dict.fromkeys((COALITION, BROKEN, GRANT, DOUBT, CLEARED), 3)
-    }
+    kinds = dict.fromkeys((COALITION, BROKEN, GRANT, DOUBT, CLEARED), 3)
     has_joint_facts = True
 
     def joint_policy(self, data: Sequence[Any]) -> CoalitionPolicy | None:
