@@ -115,7 +115,14 @@ def judge(
                 other: {who for when_s, who in each if 0 <= when_s - at_s <= AGREED_S}
                 for other, each in starts.items()
             }
-            about = ended, killed_s, begun_with
+            later = sorted(
+                (when_s, who, other)
+                for other, each in starts.items()
+                for when_s, who in each
+                if when_s > at_s
+            )
+            next_jobs = {who: other for _, who, other in reversed(later)}
+            about = ended, killed_s, begun_with, next_jobs
             _begins(found, known, robots, about, (at_s, name, job), most_overtaken)
         robot.follow(event, job, is_open=job not in ended)
         if what == "end":
@@ -136,13 +143,15 @@ def _begins(
     found: Verdict,
     known: Mapping[str, Handed],
     robots: Mapping[str, _Robot],
-    about: tuple[Mapping[str, float], Mapping[str, float], Mapping[str, set[str]]],
+    about: tuple[
+        Mapping[str, float], Mapping[str, float], Mapping[str, set[str]], Mapping[str, str]
+    ],
     event: tuple[float, str, str],
     most_overtaken: int,
 ) -> None:
     """A robot sets out for a job, or begins it where it is."""
     at_s, name, begun = event
-    ended, killed_s, begun_with = about
+    ended, killed_s, begun_with, next_jobs = about
     robot, own = robots[name], known[begun]
     if robot.cancelled:
         left = known[robot.cancelled]
@@ -185,6 +194,7 @@ def _begins(
             # Robots that wait for their partners at its place have recorded nothing yet.
             idle = {each for each in living if not robots[each].job} - busy
             on_it |= ((free_for | (set() if waits else idle)) & other.able) - {name}
+            on_it |= {each for each in idle - {name} if next_jobs.get(each) == other.id}
         if not _is_later(own, other) or len(on_it) >= other.count or not can_begin or is_settling:
             continue
         if own.priority < other.priority:

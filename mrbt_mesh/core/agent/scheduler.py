@@ -30,8 +30,10 @@ from mrbt_mesh.core.scheduling.search import search, search_steps
 
 # Evaluating an order takes time in proportion to tasks times robots. On a usual machine a third of
 # a second is enough for the first of these numbers, some 8 ms for the second. Up to the third one,
-# a problem is so small that a quick search is worthwhile.
+# a problem is so small that a quick search is worthwhile. Where tasks have an order, schedules have
+# to be mended, which takes so much longer per this many robots.
 MOST_WORK, QUICK_WORK, LITTLE_WORK = 1_200_000, 30_000, 4_000
+ROBOTS_MENDED = 3
 # Few tasks have few orders: more evaluations than this per pair of tasks, or than the last of these
 # numbers if that is more, find nothing new.
 MIN_EVALUATIONS, EVALUATIONS_PER_PAIR, ENOUGH_EVALUATIONS = 50, 25, 400
@@ -49,7 +51,9 @@ def evaluations_of(problem: SchedulingProblem) -> int:
 
 
 def _work_of(problem: SchedulingProblem) -> int:
-    return len(problem.tasks) * len(problem.free_ms)
+    robots = len(problem.free_ms)
+    mending = -(-robots // ROBOTS_MENDED) if problem.has_order else 1
+    return len(problem.tasks) * robots * mending
 
 
 class Scheduler:

@@ -30,8 +30,7 @@ from mrbt_mesh.core.scheduling.order import (
     by_rules,
     could_begin,
     first_tasks,
-    in_order,
-    onward,
+    mended,
     overtaken,
 )
 from mrbt_mesh.core.scheduling.problem import (
@@ -151,10 +150,7 @@ class Lookahead:
             task = self.numbers.get(step.activation)
             if task is not None and task not in hints:
                 hints[task] = self._crew(task, step.robots, numbers)
-        found = in_order(self.problem, self.dispatcher, list(hints), hints)
-        if self.problem.fixed & turning(self.problem, found.schedule):
-            found = onward(self.problem, self.dispatcher, list(hints), hints)
-        return found
+        return mended(self.problem, self.dispatcher, list(hints), hints)
 
     def _crew(
         self, task: int, proposed: Sequence[Sequence[str]], numbers: Mapping[str, int]

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher
-from mrbt_mesh.core.scheduling.problem import Crew, SchedulingProblem, Step
+from mrbt_mesh.core.scheduling.problem import Crew, SchedulingProblem, Step, turning
 
 NO_DEADLINE_MS = 1 << 62
 
@@ -76,7 +76,22 @@ def _at_once(
     return in_order(problem, dispatcher, first + rest, begun)
 
 
-def onward(
+def mended(
+    problem: SchedulingProblem,
+    dispatcher: Dispatcher,
+    order: Sequence[int],
+    hints: Mapping[int, Crew],
+) -> Dispatched:
+    """What robots make of these tasks in this order: `in_order`, for which nobody turns round that
+    has done so before.
+    """
+    found = in_order(problem, dispatcher, order, hints)
+    if problem.fixed & turning(problem, found.schedule):
+        found = _onward(problem, dispatcher, order, hints)
+    return found
+
+
+def _onward(
     problem: SchedulingProblem,
     dispatcher: Dispatcher,
     order: Sequence[int],
@@ -98,23 +113,28 @@ def in_order(
     """The schedule of these tasks in this order, as far as the order of tasks allows it; those that
     are missing come last. `hints`: as `Dispatcher.dispatch` takes them.
     """
-    wanted = dict.fromkeys(order)  # each once
+    tasks, wanted = problem.tasks, dict.fromkeys(order)  # each once
     found = dispatcher.dispatch([*wanted, *(n for n in problem.in_order if n not in wanted)], hints)
     if not problem.has_order:
         return found
-    asked = [number for number in problem.in_order if problem.tasks[number].is_asked]
+    asked = [number for number in problem.in_order if tasks[number].is_asked]
     front: dict[int, Crew] = {}
-    steps = list(found.schedule)
+    first = first_tasks(problem, found.schedule)
+    latest = _latest(problem, first)
     # What is mended may be what makes another one possible.
     for _ in asked:
-        mended = False
+        is_mended = False
         for number in asked:
-            crew = _overdue(problem, dispatcher, steps, number)
-            if crew is not None:
-                front[number], mended = crew, True
+            if latest is None or not tasks[number].is_before(tasks[latest]):
+                break  # nor does a robot overtake those that are later
+            crew = _overdue(problem, dispatcher, first, number)
+            if crew is not None and front.get(number) != crew:
+                front[number], is_mended = crew, True
                 steps = [Step(each, front[each]) for each in asked if each in front]
                 steps += [step for step in found.schedule if step.task not in front]
-        if not mended:
+                first = first_tasks(problem, steps)
+                latest = _latest(problem, first)
+        if not is_mended:
             break
     if not front:
         return found
@@ -130,11 +150,12 @@ def overtakers(
     that would begin a later one of its level now. `first`: robot -> the asked task that is next.
     """
     task = problem.tasks[number]
-    able = {robot for need in task.needs if need.robots for robot in need.work_ms}
+    needs = [need for need in task.needs if need.robots]
     lower, later = [], []
-    for robot in sorted(able - problem.at_work):
-        goal = first.get(robot)
-        if goal is None or not task.is_before(problem.tasks[goal]):
+    for robot, goal in sorted(first.items()):
+        if not task.is_before(problem.tasks[goal]):
+            continue
+        if not any(robot in need.work_ms for need in needs):
             continue
         if problem.tasks[goal].level > task.level:
             lower.append(robot)
@@ -178,10 +199,10 @@ def overtaken(
     """`overtakers` of a task that waits, and the robots with which it could begin; all empty if it
     does not wait, or could not begin.
     """
-    needs = problem.tasks[number].needs
-    own = [robot for robot, goal in first.items() if goal == number]
+    if len(_next_for(first, number)) >= problem.tasks[number].robots:
+        return [], [], set()
     lower, later = overtakers(problem, first, number)
-    if (not lower and not later) or len(own) >= sum(need.robots for need in needs):
+    if not lower and not later:
         return [], [], set()
     free = free_for(problem, first, number, (*lower, *later))
     if dispatcher.crew(number, free) is None:
@@ -199,26 +220,74 @@ def could_begin(
     """Whether a task waits that could begin now if this robot, which begins something else, were
     free for it.
     """
-    needs = problem.tasks[number].needs
-    own = [each for each, goal in first.items() if goal == number]
-    is_able = any(need.robots and robot in need.work_ms for need in needs)
-    if not is_able or len(own) >= sum(need.robots for need in needs):
+    task = problem.tasks[number]
+    is_able = any(need.robots and robot in need.work_ms for need in task.needs)
+    if not is_able or len(_next_for(first, number)) >= task.robots:
         return False
     return dispatcher.crew(number, free_for(problem, first, number, [robot])) is not None
 
 
 def _overdue(
-    problem: SchedulingProblem, dispatcher: Dispatcher, steps: Sequence[Step], number: int
+    problem: SchedulingProblem, dispatcher: Dispatcher, first: Mapping[int, int], number: int
 ) -> Crew | None:
-    """The robots that are to begin a task now, if others would overtake it that must not."""
-    first, spare = first_tasks(problem, steps), problem.tasks[number].spare
+    """The robots that are to begin a task now, if others would overtake it that must not, or begin
+    something of less priority where they are while it waits twice as long for robots on their way.
+    """
+    spare = problem.tasks[number].spare
     lower, later, free = overtaken(problem, dispatcher, first, number)
     is_later_allowed = spare is None or len(later) <= spare
     if not lower and is_later_allowed:
-        return None
+        return _sooner(problem, dispatcher, first, number)
     others = free.difference(later) if is_later_allowed else free
     own = _under_way_to(problem, number, others)
     return dispatcher.crew(number, others, own) or dispatcher.crew(number, free, own)
+
+
+def _sooner(
+    problem: SchedulingProblem, dispatcher: Dispatcher, first: Mapping[int, int], number: int
+) -> Crew | None:
+    """The robots for a task that has enough, if it ends in less than half the time with some that
+    would begin one of less priority.
+    """
+    own = _next_for(first, number)
+    if len(own) < problem.tasks[number].robots:
+        return None
+    half_ms = _end_ms(problem, number, own) // 2
+    lower, _ = overtakers(problem, first, number)
+    lower = [
+        robot
+        for robot in lower
+        if robot not in problem.under_way and _end_ms(problem, number, [robot]) < half_ms
+    ]
+    crew = dispatcher.crew(number, {*own, *lower}) if lower else None
+    return crew if crew is not None and _end_ms(problem, number, _robots(crew)) < half_ms else None
+
+
+def _end_ms(problem: SchedulingProblem, number: int, robots: Iterable[int]) -> int:
+    """When a task ends if these robots are on their way to it. On average half of it is left."""
+    task, there_ms, work_ms = problem.tasks[number], [0], [0]
+    for robot in robots:
+        ways_ms = problem.travel_ms[robot][problem.at[robot]]
+        way_ms = 0 if task.place is None else ways_ms[task.place]
+        is_under_way = problem.under_way.get(robot) == number
+        there_ms.append(way_ms // 2 if is_under_way else way_ms)
+        work_ms.append(min(need.work_ms[robot] for need in task.needs if robot in need.work_ms))
+    if task.is_together:
+        return max(there_ms) + max(work_ms)
+    return max(map(sum, zip(there_ms, work_ms, strict=True)))
+
+
+def _latest(problem: SchedulingProblem, first: Mapping[int, int]) -> int | None:
+    """Of the tasks that are next the one that is last in the order of tasks."""
+    tasks = problem.tasks
+    return max(
+        first.values(), key=lambda goal: (tasks[goal].level, tasks[goal].arrival), default=None
+    )
+
+
+def _next_for(first: Mapping[int, int], number: int) -> list[int]:
+    """The robots whose next task this is."""
+    return [robot for robot, goal in first.items() if goal == number]
 
 
 def _under_way_to(problem: SchedulingProblem, number: int, among: Iterable[int]) -> Crew | None:

@@ -59,6 +59,11 @@ class SchedulingTask:
     is_asked: bool = True
     deadline_ms: int | None = None
 
+    @property
+    def robots(self) -> int:
+        """How many robots it lacks."""
+        return sum(need.robots for need in self.needs)
+
     def is_before(self, other: SchedulingTask) -> bool:
         """Whether the other one overtakes this one if it begins first."""
         return (self.level, self.arrival) < (other.level, other.arrival)

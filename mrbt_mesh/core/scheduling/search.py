@@ -8,9 +8,11 @@ worse is accepted while it is not worse by more than a threshold, which falls to
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TypeAlias
 
 from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher
+from mrbt_mesh.core.scheduling.order import mended
 from mrbt_mesh.core.scheduling.problem import Crew, SchedulingProblem, SchedulingTask
 
 # The first threshold, as a part of the cost: the best of 1/50 to 1/400 on published cases.
@@ -38,8 +40,10 @@ def search_steps(
 ) -> Iterator[Dispatched]:
     """`search`, with the best schedule so far after each order."""
     dispatcher = Dispatcher(problem)
+    # What counts is what robots make of a proposal.
+    allowed = partial(mended, problem, dispatcher)
     orders = [*_by_rules(problem), *([list(known)] if known else [])]
-    best = min((dispatcher.dispatch(order) for order in orders), key=lambda found: found.rank)
+    best = min((allowed(order, {}) for order in orders), key=lambda found: found.rank)
     yield best
     count = len(problem.tasks)
     if count < 2:
@@ -58,8 +62,12 @@ def search_steps(
             else:
                 changed = _changed(order, numbers)
             found = dispatch(changed, changed_given)
-            threshold = first_threshold * left // evaluations
-            if found.rank <= rank._replace(cost=rank.cost + threshold):
+            limit = rank._replace(cost=rank.cost + first_threshold * left // evaluations)
+            if problem.has_order and found.rank <= limit:
+                # Orders that are too bad as they are need not be mended.
+                found = allowed(changed, changed_given)
+                changed = [step.task for step in found.schedule]
+            if found.rank <= limit:
                 order, given, rank = changed, changed_given, found.rank
                 if rank < best.rank:
                     best = found

@@ -72,6 +72,26 @@ def test_a_robot_on_its_way_turns_round_for_priority_alone() -> None:
     assert begun(lower, 1, 0) == {0: 0}
 
 
+def test_a_robot_at_the_place_goes_before_a_distant_one_for_priority() -> None:
+    """Also if the distant one has set out, while the one at the place did something else."""
+    able = {0: 100, 1: 100, 2: 100}
+    pair = SchedulingTask(0, (SchedulingNeed(2, able),), level=0)
+    near = single(0, *able, level=1)
+    of = replace(problem(pair, near, robots=3), at=(0, 0, 2))
+    crew = {0: ((0, 2),), 1: ((1,),)}
+    for under_way in ({}, {0: 0, 2: 0}):
+        found = in_order(replace(of, under_way=under_way), Dispatcher(of), [0, 1], crew)
+        assert first_tasks(of, found.schedule) == {0: 0, 1: 0}
+
+
+def test_a_robot_that_is_hardly_sooner_leaves_a_task_with_priority_to_others() -> None:
+    able = {0: 100, 1: 100, 2: 100}
+    pair = SchedulingTask(0, (SchedulingNeed(2, able),), level=0)
+    of = replace(problem(pair, single(1, *able, level=1), robots=3), at=(0, 1, 2))
+    found = in_order(of, Dispatcher(of), [0, 1], {0: ((0, 2),), 1: ((1,),)})
+    assert first_tasks(of, found.schedule) == {0: 0, 1: 1, 2: 0}
+
+
 def test_what_is_not_asked_for_or_lacks_robots_is_not_overtaken() -> None:
     near, far = single(0, 0, arrival=1), single(2, 0, arrival=0, spare=0)
     assert begun(problem(near, replace(far, is_asked=False)), 0, 1) == {0: 0}

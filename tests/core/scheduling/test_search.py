@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
+from mrbt_mesh.core.scheduling.order import mended
 from mrbt_mesh.core.scheduling.problem import (
     Crew,
     Objective,
@@ -131,6 +132,17 @@ def test_small_problems_are_solved_within_a_hundredth_of_the_optimum_on_average(
         assert found.cost >= best, seed
         ratios.append(found.cost / best)
     assert sum(ratios) / len(ratios) <= 1.01, ratios
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_found_keeps_the_order_of_tasks(seed: int) -> None:
+    """Robots mend what breaks it: what that comes to is what was searched for."""
+    draw, of = random.Random(seed), drawn(seed, 4, 6)
+    tasks = (replace(each, level=draw.randrange(3), spare=draw.randrange(3)) for each in of.tasks)
+    of = replace(of, tasks=tuple(tasks))
+    found = search(of, 50, seed)
+    proposed = {step.task: step.crew for step in found.schedule}
+    assert mended(of, Dispatcher(of), list(proposed), proposed).rank <= found.rank, seed
 
 
 def test_more_evaluations_and_a_known_order_are_never_worse() -> None:
