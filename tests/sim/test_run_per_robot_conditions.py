@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine
-from mrbt_mesh.core.planning import demands
+from mrbt_mesh.features.values.plan import OwnStep
 from mrbt_mesh.sim import (
     Freeze,
     Kill,
@@ -185,7 +185,7 @@ def test_each_way_to_plan_gives_the_same_run(schedule: Schedule) -> None:
 def test_the_checkers_notice_who_places_what_another_one_holds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(demands, "eligible", lambda *_: None)
+    monkeypatch.setattr(OwnStep, "eligible", lambda *_: None)
     mission = mission_of(HEAD + f"parameters: {{behave: {{{SETS}}}}}\n" + TREE)
     violations = simulate(mission, behaviour.robot, seed=1).violations
     assert violations
