@@ -6,7 +6,7 @@ since it sends no heartbeats.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -33,6 +33,7 @@ from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.planning.derived_facts import DerivedFacts
 from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.idle import why_idle
 from mrbt_mesh.observer.run_record import RunRecord
 
 
@@ -83,6 +84,7 @@ class Observer:
         self._planned: tuple[int, int] = (-1, -1)
         self._updated: tuple[int, int, int] = (-1, -1, -1)
         self._recorded: tuple[Plan | None, bool] = (None, False)
+        self._idle: tuple[Plan | None, Mapping[str, str]] = (None, {})
         self._has_caught_up = False
         self._first_heard_us: int | None = None
 
@@ -345,6 +347,14 @@ class Observer:
             if peer.report.has_joined and peer.state.is_healthy
         }
         return len(digests) <= 1
+
+    @property
+    def idle(self) -> Mapping[str, str]:
+        """Robot -> why the plan assigns nothing to it."""
+        plan = self.plan
+        if plan is not None and self._idle[0] is not plan:
+            self._idle = plan, why_idle(plan, self.facts, self.membership.members())
+        return self._idle[1] if plan is not None else {}
 
     def claim(self, robot: str) -> Claim | None:
         """What a living robot works on."""

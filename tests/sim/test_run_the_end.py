@@ -93,7 +93,7 @@ def test_the_checkers_notice_who_starts_after_the_end(monkeypatch: pytest.Monkey
         return end(planner, plan) if planner._context.facts.result(()) is None else []
 
     monkeypatch.setattr(Planner, "_end", end_once)
-    monkeypatch.setattr(make_plan, "_nothing_to_do", lambda *_: "")
+    monkeypatch.setattr(make_plan, "_is_at_rest", lambda *_: False)
     found = run(FAILS, 1.05, AgentOptions(exit_when_done=False))
     assert "I3" in found.violations[0]
     assert "but knows that the mission has ended" in found.violations[0]

@@ -38,6 +38,7 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.idle import why_idle
 
 if TYPE_CHECKING:
     from mrbt_mesh.features.exclusive.records import CoalitionId
@@ -387,6 +388,9 @@ class World:
 
     def plan(self) -> Plan:
         return make_plan(self.facts, self.alive, min_cost_flow)
+
+    def idle(self) -> dict[str, str]:
+        return why_idle(self.plan(), self.facts, self.alive)
 
     def replayed(self, entries: Iterable[Entry]) -> World:
         """Another replica that received these entries in this order."""

@@ -131,6 +131,7 @@ def plan(
     from mrbt_mesh.core.planning.make_plan import make_plan
     from mrbt_mesh.formats.facts_file import ALIVE, facts_from_file
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.observer.idle import why_idle
     from mrbt_mesh.runtime.solver_loader import solver_for
 
     loaded = load_mission(mission)
@@ -141,8 +142,9 @@ def plan(
         _propose(team_facts, found.ahead)
         found = make_plan(team_facts, living, solver_for(loaded, solver))
     problem = _problem(found, team_facts, [*living]) | {"forecast": _forecast(found, team_facts)}
+    idle = why_idle(found, team_facts, living)
     if not as_json:
-        console.print(render_plan(loaded, found, problem))
+        console.print(render_plan(loaded, found, problem, idle))
         return
     statuses = {
         f"{node.index}:{loaded.tree.path(node.index)}": found.evaluation.status_of(node.index)
@@ -151,6 +153,16 @@ def plan(
     print_json(
         {
             **found.to_json(),
+            "idle": idle,
+            "waiting": [
+                {
+                    "activation": each.activation,
+                    "global_task": each.global_task,
+                    "blocked": each.is_blocked,
+                    "reason": each.reason,
+                }
+                for each in found.waiting
+            ],
             "digest": found.digest.hex(),
             **problem,
             "statuses": {place: status.name.lower() for place, status in statuses.items()},

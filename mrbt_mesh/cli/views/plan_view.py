@@ -18,7 +18,9 @@ from mrbt_mesh.core.planning.plan import (
 from mrbt_mesh.features.bids.plan import Bidding, biddings
 
 
-def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Printable:
+def render_plan(
+    mission: Mission, plan: Plan, problem: Mapping[str, Any], idle: Mapping[str, str]
+) -> Printable:
     """The whole plan for a terminal. `problem`: its `bounds`, `objective` and `forecast`."""
     workers: dict[str, list[str]] = {}
     for robot, own in plan.assignments.items():
@@ -33,7 +35,7 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Pri
         else:
             robots = ", ".join(workers.get(request.activation, []))
             notes[request.node] = Styled(robots, "bold") if robots else _later(plan, request)
-    parts: list[Printable] = [_lines(plan)]
+    parts: list[Printable] = [_lines(plan, idle)]
     if plan.demands:
         parts += ["", render_bounds(problem["bounds"])]
         parts.append(Styled(f"objective, the sum of performances: {problem['objective']:g}", "dim"))
@@ -80,13 +82,13 @@ def render_forecast(forecast: Mapping[str, Any]) -> Printable:
     return Stack(rows, *texts)
 
 
-def _lines(plan: Plan) -> Table:
+def _lines(plan: Plan, idle: Mapping[str, str]) -> Table:
     """The assignment of each robot, with its reason."""
     rows = table("robot", "does", "for", "why")
     for robot in sorted({*plan.assignments, *plan.idle}):
         line = plan.assignments.get(robot)
         if line is None:
-            rows.add_row(robot, Styled("nothing", "dim"), "", Styled(plan.idle[robot], "dim"))
+            rows.add_row(robot, Styled("nothing", "dim"), "", Styled(idle[robot], "dim"))
             continue
         why = assignment_reason(plan, robot)
         rows.add_row(Styled(robot, "bold"), line.local_task, line.global_task, Styled(why, "dim"))

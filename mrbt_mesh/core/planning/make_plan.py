@@ -5,7 +5,7 @@ A plan follows from the facts and the alive set alone, to the same bytes on ever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeAlias
 
@@ -46,7 +46,7 @@ PlanMaking: TypeAlias = Callable[[Solver], PlanFunction]
 class ConsistentRequests:
     """What *Check Consistency* finds: which requests of T_G can be served together.
 
-    `rest_reason`: why no robot is to work at all, empty if they are. `demands`: those of the
+    `is_at_rest`: no robot is to work at all, whatever T_G asks for. `demands`: those of the
     requests. `offers`: what features make of them, the last one's demands being these. `ahead`:
     what schedules are made for, if the mission travels. `unset`: why requests wait for the
     blackboard. `offered`: the demands with the robots that may be assigned to them. `kept`: indices
@@ -57,7 +57,7 @@ class ConsistentRequests:
     command: TeamOrder
     ended: Status | None
     capabilities: Capabilities
-    rest_reason: str
+    is_at_rest: bool
     demands: Sequence[Group] = ()
     offers: Sequence[Offer] = ()
     ahead: Lookahead | None = None
@@ -70,7 +70,7 @@ class ConsistentRequests:
     @property
     def is_consistent(self) -> bool:
         """Whether there are no requests, or some can be served."""
-        return bool(self.kept or self.rest_reason or not self.evaluation.requests)
+        return bool(self.kept or self.is_at_rest or not self.evaluation.requests)
 
 
 def make_plan(
@@ -114,8 +114,8 @@ def check_consistency(
     """T_A, *Check Consistency*: evaluate T_G and keep the requests that can be served together."""
     mission, command, ended = facts.mission, facts.order(), facts.result(alive)
     evaluation = mission.evaluator.evaluate(facts)
-    if reason := _nothing_to_do(command, ended):
-        return ConsistentRequests(evaluation, command, ended, capabilities, reason)
+    if _is_at_rest(command, ended):
+        return ConsistentRequests(evaluation, command, ended, capabilities, is_at_rest=True)
     requests, team = evaluation.requests, capabilities.team
     demands = demands_of(facts, requests, capabilities)
     offered: Sequence[Group] = demands
@@ -136,7 +136,7 @@ def check_consistency(
         obstacles | unset,
     )
     found = changed, offers, ahead, obstacles, unset, offered, kept, pinned
-    return ConsistentRequests(evaluation, command, ended, capabilities, "", *found)
+    return ConsistentRequests(evaluation, command, ended, capabilities, False, *found)
 
 
 def assign_agents(
@@ -147,11 +147,10 @@ def assign_agents(
 ) -> Plan:
     """T_A, *Assign Agents*: robots at work go on, the others are put on the requests kept."""
     mission, evaluation, capabilities = facts.mission, found.evaluation, found.capabilities
-    team, command, reason = capabilities.team, found.command, found.rest_reason
-    outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
-    if reason:
-        idle = dict.fromkeys(team, reason) | outside
-        revision = facts.declared.revision
+    team, command = capabilities.team, found.command
+    outside = [robot for robot in sorted(alive) if robot not in team]
+    if found.is_at_rest:
+        revision, idle = facts.declared.revision, (*team, *outside)
         return Plan(evaluation, command, {}, idle, (), ended=found.ended, revision=revision)
 
     demands, offered, kept, pinned = found.demands, found.offered, found.kept, found.pinned
@@ -191,16 +190,12 @@ def assign_agents(
         pending = pending_failures(facts, requests, waiting, obstacles, team)
     for index in sorted(pending.keys() & waiting.keys()):
         waiting[index] = replace(waiting[index], is_failing=True)
-    robots = [r for r in team if r not in assignments]
-    idle = _why_idle(robots, demands, served, held, found.unset)
-    if found.ahead is not None:
-        idle |= _what_is_next(found.ahead, idle, demands)
-    idle |= facts.idle(idle)
+    free = [robot for robot in team if robot not in assignments]
     return Plan(
         evaluation,
         command,
         _completed(facts, assignments, team, found.ahead),
-        idle | outside,
+        (*free, *outside),
         tuple(waiting.values()),
         found.is_consistent,
         assigned is not None,
@@ -210,6 +205,7 @@ def assign_agents(
         tuple(loss for step in mission.plan_steps for loss in step.losses(facts, team)),
         revision=facts.declared.revision,
         ahead=found.ahead,
+        kept=served,
     )
 
 
@@ -231,18 +227,9 @@ def _postponed(
     }
 
 
-def _why_outside(facts: TeamFacts, robot: str, incarnation: Incarnation) -> str:
-    """Why a robot that is alive is no part of the team that the plan may use."""
-    known = facts.members.get(robot)
-    is_described = known is not None and known.incarnation == incarnation
-    return "leaving" if is_described else "what it can do is not known yet"
-
-
-def _nothing_to_do(command: TeamOrder, ended: Status | None) -> str:
-    """Why no robot is to work, whatever T_G asks for; empty if they are."""
-    if command is not TeamOrder.RESUME:
-        return f"the operator's command is {command}"
-    return "" if ended is None else "the mission has ended"
+def _is_at_rest(command: TeamOrder, ended: Status | None) -> bool:
+    """Whether no robot is to work, whatever T_G asks for."""
+    return command is not TeamOrder.RESUME or ended is not None
 
 
 def _obstacles(
@@ -373,64 +360,3 @@ def _completed(
             assignment = replace(assignment, values=values)
         result[robot] = assignment
     return result
-
-
-def _why_idle(
-    robots: Sequence[str],
-    demands: Sequence[Group],
-    kept: Collection[int],
-    held: Mapping[int, Postponed],
-    unset: Mapping[int, str],
-) -> dict[str, str]:
-    """For robots without an assignment: why."""
-    if not demands:
-        return dict.fromkeys(robots, "nothing is requested")
-    reasons = {}
-    for robot, found in _able_requests(robots, demands).items():
-        served = [index for index in found if index in kept]
-        names = sorted({demands[index][0].request.subject for index in served or found})
-        if not found:
-            reasons[robot] = "nothing it can do is needed now"
-        elif waiting := [index for index in served if index in held]:
-            names = sorted({demands[index][0].request.subject for index in waiting})
-            reasons[robot] = f"{', '.join(names)}: waits for {held[waiting[0]].things}"
-        elif served:
-            reasons[robot] = f"{', '.join(names)}: enough robots are on it"
-        else:
-            why = next((unset[index] for index in found if index in unset), "waits for robots")
-            reasons[robot] = f"{', '.join(names)}: {why}"
-    return reasons
-
-
-def _what_is_next(
-    ahead: Lookahead, idle: Collection[str], demands: Sequence[Group]
-) -> dict[str, str]:
-    """For robots that the schedule in force has on something later: what, and with whom. For those
-    that it has nothing for: what they could do.
-    """
-    found = {}
-    if ahead.schedule is not None:
-        scheduled = [group for group in demands if ahead.step_of(group[0].request.activation)]
-        others = [robot for robot in ahead.robots if robot in idle]
-        for robot, indices in _able_requests(others, scheduled).items():
-            if indices:
-                names = sorted({scheduled[index][0].request.subject for index in indices})
-                found[robot] = f"{', '.join(names)}: the schedule has other robots for it"
-    for robot, step in ahead.next_steps.items():
-        if robot in idle:
-            partners = ", ".join(each for each in ahead.members(step) if each != robot)
-            what = ahead.opens[step.task].request.subject + (
-                f" with {partners}" if partners else ""
-            )
-            found[robot] = f"next in the schedule: {what}"
-    return found
-
-
-def _able_requests(robots: Sequence[str], demands: Sequence[Group]) -> dict[str, list[int]]:
-    """Robot -> the requests that it could help with, in tree order."""
-    found: dict[str, list[int]] = {robot: [] for robot in robots}
-    for index, group in enumerate(demands):
-        for demand in group:
-            for robot in found.keys() & demand.candidates.keys():
-                found[robot].append(index)
-    return found

@@ -6,7 +6,7 @@ Same facts and same alive set give the same bytes on every robot (`planning`).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -173,10 +173,12 @@ class DemandBounds:
 
 @dataclass(frozen=True)
 class Plan:
-    """`assignments` by robot; `idle`: why a robot has none; the rest is in tree order.
+    """`assignments` by robot; `idle`: the robots without one, then those that are alive and that
+    the plan may not use; the rest is in tree order.
 
-    The demands, and what lies `ahead` in a mission that travels, are the input of the plan and no
-    part of its content. `parts`: what features add, by the names of these parts.
+    The demands, those of them that are `kept`, by their index, and what lies `ahead` in a mission
+    that travels, are the input of the plan and no part of its content. `parts`: what features add,
+    by the names of these parts.
 
     What the leaves of T_A return (paper, section V): *Check Consistency* holds if `consistent`, so
     unless there are requests and none of them can be served; *Assign Agents* succeeds if
@@ -190,7 +192,7 @@ class Plan:
     evaluation: Evaluation
     command: TeamOrder
     assignments: Mapping[str, RobotAssignment]
-    idle: Mapping[str, str]
+    idle: tuple[str, ...]
     waiting: tuple[Waiting, ...]
     consistent: bool = True
     feasible: bool = True
@@ -201,6 +203,7 @@ class Plan:
     ended: Status | None = None
     revision: Revision | None = None
     ahead: Lookahead | None = field(default=None, compare=False, repr=False)
+    kept: Collection[int] = field(default=(), compare=False, repr=False)
 
     @cached_property
     def result(self) -> Status:
@@ -294,14 +297,9 @@ class Plan:
                 | ({"values": dict(x.values)} if x.values else {})
                 for x in self.assignments.values()
             },
-            "idle": dict(self.idle),
+            "idle": list(self.idle),
             "waiting": [
-                {
-                    "activation": w.activation,
-                    "global_task": w.global_task,
-                    "blocked": w.is_blocked,
-                    "reason": w.reason,
-                }
+                {"activation": w.activation, "global_task": w.global_task, "blocked": w.is_blocked}
                 for w in self.waiting
             ],
             **{

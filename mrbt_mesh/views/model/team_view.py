@@ -214,7 +214,7 @@ class TeamState:
         observer = self.observer
         peer = observer.membership.peers.get(robot)
         known = observer.facts.members.get(robot)
-        claim, plan = observer.claim(robot), observer.plan
+        claim = observer.claim(robot)
         beat = peer.heartbeat if peer is not None else None
         is_here = peer is not None and peer.state.is_member
         runs = claim is not None and claim.phase is Phase.RUNNING
@@ -243,7 +243,7 @@ class TeamState:
             "progress": beat.progress if beat is not None and runs else None,
             "tree": list(running_tree(observer, robot).statuses),
             "statuses": [Status(s).name.lower() for s in beat.statuses] if beat and is_here else [],
-            "idle": plan.idle.get(robot, "") if plan is not None and is_here else "",
+            "idle": observer.idle.get(robot, "") if is_here else "",
             "differs_since_s": differ.get(robot),
         }
 

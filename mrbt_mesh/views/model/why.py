@@ -84,8 +84,8 @@ def _candidate(
     bid_problem = observer.facts.problems.get(robot, {}).get(f"bid for {type_name(local_task)}")
     if bids is not None and number is None and bid_problem is not None:
         return Candidate(robot, None, False, bid_problem)
-    if plan is not None and robot in plan.idle:
-        return Candidate(robot, units, False, f"is free: {plan.idle[robot]}")
+    if robot in observer.idle:
+        return Candidate(robot, units, False, f"is free: {observer.idle[robot]}")
     claim = observer.claim(robot)
     if claim is not None:
         # A plan computed from a recording may not count on it yet.
@@ -164,7 +164,7 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
         return _answer(robot, f"{robot} is joining the team: plans do not count on it yet.", [])
     line = plan.assignments.get(robot)
     if line is None:
-        return _answer(robot, f"{robot} does nothing now: {plan.idle[robot]}.", [])
+        return _answer(robot, f"{robot} does nothing now: {observer.idle[robot]}.", [])
     found = candidates(observer, line.activation, line.local_task)
     reason = assignment_reason(plan, robot)
     what = f"{robot} does {line.local_task} for {line.global_task}: {reason}."

@@ -121,9 +121,8 @@ class History:
             now_us,
         )
         states = {robot: observer.robot_state(robot) for robot in observer.robots()}
-        idle = plan.idle.items() if plan else ()
         members = {robot for robot, state in states.items() if state.is_member}
-        self._idle.look({(r, why): () for r, why in idle if r in members}, now_us)
+        self._idle.look({(r, why): () for r, why in observer.idle.items() if r in members}, now_us)
         self.plans_held.look(reported_plans(observer), now_us)
         differ = tuple(sorted(self._agreement.look(observer, now_us)))
         self._differing.look({(", ".join(differ), ""): differ} if differ else {}, now_us)

@@ -116,7 +116,7 @@ def test_a_blocked_request_says_what_is_short_and_by_how_many() -> None:
     world.die("C2")
     plan = world.plan()
     assert [w.reason for w in plan.waiting] == ["blocked: move_frame needs 2, 1 alive"]
-    assert plan.idle == {"C1": "remove_cover: waits for robots"}
+    assert world.idle() == {"C1": "remove_cover: waits for robots"}
     assert plan.to_json()["waiting"][0]["blocked"] is True
 
 
@@ -127,36 +127,7 @@ def test_a_request_that_waits_for_busy_robots_is_not_blocked() -> None:
     assert waiting.reason == "waiting: the robots it needs are busy with earlier requests"
 
 
-def test_every_robot_without_a_task_learns_why() -> None:
-    world = repair()
-    assert world.plan().idle == {
-        "A1": "nothing it can do is needed now",
-        "B1": "nothing it can do is needed now",
-    }
-    uncover(world)
-    world.leave("C1")
-    assert world.plan().idle == {"C1": "leaving", "C2": "nothing it can do is needed now"}
-    for subject, robot, local in (("part1", "A1", "diagnose"), ("part2", "B1", "fix")):
-        world.outcome(world.activation(subject), True, robot, local)
-    assert world.plan().idle["A1"] == "nothing is requested"
-
-
-def test_a_robot_that_nobody_has_heard_describe_itself_is_not_leaving() -> None:
-    world = World(make_mission(action("a"), {"R1": {"a": 1}, "R2": {"a": 1}}))
-    world.alive["R3"] = Incarnation(1, "n")
-    assert world.plan().idle["R3"] == "what it can do is not known yet"
-    life = world.alive["R2"]
-    world.alive["R2"] = Incarnation(life.counter + 1, life.nonce)
-    assert world.plan().idle["R2"] == "what it can do is not known yet", "of this life"
-
-
-def test_a_robot_that_is_not_needed_any_more_learns_for_what() -> None:
-    lift = task("lift", ("lift", 1, 1))
-    world = World(make_mission(action("lift"), {n: {"lift": 1.0} for n in "AB"}, [lift]))
-    assert world.plan().idle == {"B": "lift: enough robots are on it"}
-
-
-def test_every_robot_has_a_line_or_a_reason_and_never_both() -> None:
+def test_every_robot_has_a_line_or_is_idle_and_never_both() -> None:
     world = repair()
     plan = world.plan()
     assert set(plan.assignments) | set(plan.idle) == set(world.alive)
@@ -172,7 +143,7 @@ def test_a_command_takes_everybodys_task_away(command: str) -> None:
     world.order(command)
     plan = world.plan()
     assert (plan.assignments, plan.waiting) == ({}, ())
-    assert set(plan.idle.values()) == {f"the operator's command is {command}"}
+    assert set(world.idle().values()) == {f"the operator's command is {command}"}
     assert plan.result is (Status.FAILURE if command == "abort" else Status.RUNNING)
 
 

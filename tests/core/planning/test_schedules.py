@@ -89,7 +89,7 @@ def test_each_robot_has_its_first_open_task_of_the_schedule_in_force() -> None:
     assert (who(world), costs(world), ahead(world).author) == ({"R1": "b", "R2": "c"}, 22_000, "")
     world = crossed()
     assert (who(world), costs(world)) == ({"R1": "b"}, BY_RULES)
-    assert world.plan().idle == {"R2": "a, b: the schedule has other robots for it"}
+    assert world.idle() == {"R2": "a, b: the schedule has other robots for it"}
     propose(world, "R2", ("b", "R2"), ("a", "R1"))
     assert (who(world), costs(world)) == ({"R1": "a", "R2": "b"}, BETTER)
     assert ahead(world).author == "R2"
@@ -104,7 +104,7 @@ def test_a_robot_waits_for_what_is_not_asked_for_yet() -> None:
     world = World(travelling(mission, {name: name for name in X}, {"R1": "c", "R2": "a"}))
     propose(world, "R1", ("b", "R1"), ("a", "R2"))
     assert (who(world), costs(world)) == ({"R1": "b"}, 12_000)
-    assert world.plan().idle == {"R2": "next in the schedule: a"}
+    assert world.idle() == {"R2": "next in the schedule: a"}
 
 
 def test_robots_set_out_for_a_task_before_the_others_that_it_needs() -> None:
@@ -128,7 +128,7 @@ def test_what_has_begun_stays_whatever_is_proposed() -> None:
     propose(world, "R1", *NEAR)
     world.claim("R1", world.activation("c"))
     assert who(world) == {"R1": "c"}
-    assert world.plan().idle == {"R2": "next in the schedule: d"}
+    assert world.idle() == {"R2": "next in the schedule: d"}
     assert costs(world) == 500 + 10_000 + 1_000 + 10_000 + 1_000  # half of `c`, then `b` and `a`
 
 

@@ -68,7 +68,7 @@ def test_nobody_goes_before_all_have_bid_and_then_the_best_does() -> None:
     world = town()
     assert who(world) == {}
     assert reasons(world) == ["waiting for bids of A, B, C"]
-    assert set(world.plan().idle.values()) == {"fetch: waits for bids"}
+    assert set(world.idle().values()) == {"fetch: waits for bids"}
     bid_all(world, A=-7, C=-4)
     assert who(world) == {}
     assert reasons(world) == ["waiting for bids of B"]

@@ -187,7 +187,7 @@ def test_who_picked_places() -> None:
     world.outcome(world.activation("fetch"), True, "R2", "pick")
     found = plan(world)
     assert served(found) == {"R2": "bring"}
-    assert found.idle["R1"] == "nothing it can do is needed now"
+    assert world.idle()["R1"] == "nothing it can do is needed now"
 
 
 def test_all_who_picked_may_place_and_nobody_else_stands_in() -> None:

@@ -65,5 +65,5 @@ def test_it_stays_borrowed_when_it_starts_again_and_faults_end(seed: int) -> Non
     facts = result.observer.facts
     assert facts.index(Loans).by_robot["B1"] == ("anna", "at_once")
     assert result.observer.plan is not None
-    assert result.observer.plan.idle["B1"] == BORROWED
+    assert result.observer.idle["B1"] == BORROWED
     assert facts.members["B1"].member.pending == {"look": BORROWED}

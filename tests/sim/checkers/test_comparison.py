@@ -48,11 +48,11 @@ def wrong(change: Callable[[Plan], Plan]) -> Engine:
 
 
 def without_idle(plan: Plan) -> Plan:
-    return replace(plan, idle={})
+    return replace(plan, idle=())
 
 
 def turned_round(plan: Plan) -> Plan:
-    return replace(plan, idle=dict(reversed(plan.idle.items())))
+    return replace(plan, idle=plan.idle[::-1])
 
 
 def with_a_timeout(plan: Plan) -> Plan:
