@@ -20,6 +20,7 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.feature import Kit
 from mrbt_mesh.core.membership.keys import make_command
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.observer.job_log import JobLog
@@ -66,7 +67,13 @@ class DeskClient(TeamClient):
             record=SimpleNamespace(job_log=JobLog(mission), result=None),
             clock_ahead_us=lambda: NOW_US - boottime_us(),
             membership=SimpleNamespace(
-                members=lambda: ["D1"], clock_offsets_us=lambda: [NOW_US - boottime_us()]
+                peers={
+                    "D1": SimpleNamespace(
+                        state=State.ALIVE, report=SimpleNamespace(has_joined=True)
+                    )
+                },
+                members=lambda: ["D1"],
+                clock_offsets_us=lambda: [NOW_US - boottime_us()],
             ),
             robots=lambda: ["D1"],
         )
