@@ -27,13 +27,30 @@ from mrbt_mesh.runtime.run_dir import (
     SUMMARY_FILE,
 )
 from mrbt_mesh.runtime.summary_signature import parse_signature
-from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary, missing_summary
+from mrbt_mesh.views.replay.check_summary import (
+    SummaryFile,
+    check_summary,
+    missing_summary,
+    not_checked,
+)
 from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
 
 _CHECKED = {
     *(FOLDER, KEYS_FOLDER, COMMANDS_FILE, MISSION_FILE, REVISION_FILE),
     *(SUMMARY_FILE, SIGNATURE_FILE),
 }
+
+
+@dataclass
+class CheckedFiles:
+    """Contradictions are differences from the recordings or from what was signed; gaps are what
+    nobody has signed. `notes`: what was not checked. `commands`: all that were noted.
+    """
+
+    findings: list[RecordingFinding] = field(default_factory=list)
+    gaps: list[Gap] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    commands: list[NotedCommand] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -90,32 +107,28 @@ def check_files(
     recordings: Sequence[Recording],
     manifest: Manifest | None,
     missions: Collection[str],
-) -> tuple[list[RecordingFinding], list[Gap], list[NotedCommand]]:
-    """Return contradictions, gaps, and the noted commands.
-
-    Contradictions are differences from the recordings or from what was signed; gaps are what nobody
-    has signed. `missions`: the digests of the missions that were in force.
-    """
-    findings: list[RecordingFinding] = []
-    gaps: list[Gap] = []
+) -> CheckedFiles:
+    """Check the files of a run; `missions`: the digests of the missions that were in force."""
+    found = CheckedFiles()
     if files.summary is not None:
-        contradictions, gaps = check_summary(files.summary, recordings, manifest)
-        findings += contradictions
+        found.findings, found.gaps = check_summary(files.summary, recordings, manifest)
+        found.notes += not_checked(files.summary, recordings)
     elif manifest is not None:
-        gaps += missing_summary(recordings)
+        found.gaps += missing_summary(recordings)
     run, team_digest = recordings[0].metadata.run, recordings[0].metadata.team_digest
     for name, text in files.missions.items():
-        findings += [_finding(name, each) for each in _mission(name, text, team_digest, missions)]
-    noted = list(noted_commands(files.commands or b"", run, manifest))
-    findings += [
-        RecordingFinding(COMMANDS_FILE, 0, 0, f"line {each.number} {each.problem}")
-        for each in noted
+        problems = _mission(name, text, team_digest, missions)
+        found.findings += [_finding(name, each) for each in problems]
+    found.commands += noted_commands(files.commands or b"", run, manifest)
+    found.findings += [
+        _finding(COMMANDS_FILE, f"line {each.number} {each.problem}")
+        for each in found.commands
         if each.problem
     ]
     if manifest is not None:
-        findings += [_finding(COMMANDS_FILE, each) for each in _end_of_commands(files, run)]
-        gaps += _unsigned(noted)
-    return findings, gaps, noted
+        found.findings += [_finding(COMMANDS_FILE, each) for each in _end_of_commands(files, run)]
+        found.gaps += _unsigned(found.commands)
+    return found
 
 
 def _finding(name: str, text: str) -> RecordingFinding:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest
@@ -66,6 +67,15 @@ def covered_by(summary: SummaryFile, run: str, manifest: Manifest) -> Covered | 
     return found.covered if found.is_for(manifest, summary.content) else None
 
 
+def not_checked(summary: SummaryFile, recordings: Sequence[Recording]) -> Iterator[str]:
+    """Yield notes on what the recordings no longer show of the summary."""
+    observers = [each for each in recordings if not each.metadata.robot]
+    late = [each.name for each in observers if each.begins_late]
+    if summary.content and late:
+        text = "who took part in tasks, and results of tasks, that only the parts not kept of"
+        yield f"{FILE}: not checked: {text} {', '.join(late)} had"
+
+
 def missing_summary(recordings: Sequence[Recording]) -> Iterator[Gap]:
     """Report a missing summary: it must exist if its observer has come to its end."""
     for each in recordings:
@@ -113,8 +123,34 @@ def _differing(content: bytes, recording: Recording) -> Iterator[str]:
             if summary[name] != recorded[name]:
                 yield f"its {name} is {summary[name]}, that of the recording {recorded[name]}"
         tasks: Mapping[str, Any] = summary["global_tasks"]
+        known = _known_of_tasks(recorded["global_tasks"], tasks, player)
         for task, row in recorded["global_tasks"].items():
-            if tasks[task] != row:
+            if any(tasks[task][name] != each for name, each in known[task].items()):
                 yield f"{task} is {tasks[task]}, in the recording {row}"
     except (ValueError, KeyError, TypeError, RecursionError):
         yield "it is malformed: it has not all that a run's summary has"
+
+
+def _known_of_tasks(
+    recorded: Mapping[str, Any], told: Mapping[str, Any], player: Player
+) -> dict[str, dict[str, Any]]:
+    """Return by task what its row in the summary must have, as far as the recording shows it.
+
+    If its first parts were not kept, it shows only some of the robots that took part, and a result
+    only where the last plan still has one.
+    """
+    if not player.recording.begins_late:
+        return {task: dict(row) for task, row in recorded.items()}
+    plan = player.observer.plan
+    nodes = plan.evaluation.tree.actions() if plan is not None else ()
+    over = (Status.SUCCESS, Status.FAILURE)
+    shown = {
+        node.subject for node in nodes if plan and plan.evaluation.status_of(node.index) in over
+    }
+    return {
+        task: {
+            "robots": sorted({*row["robots"], *told[task]["robots"]}),
+            **({"status": row["status"]} if task in shown else {}),
+        }
+        for task, row in recorded.items()
+    }

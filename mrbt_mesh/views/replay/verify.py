@@ -76,9 +76,11 @@ def verify(
     if files is not None:
         missions = {each.metadata.mission_digest for each in recordings}
         missions |= {check.state.facts.declared.digest for check in checks}
-        contradictions, gaps, commands = check_files(files, recordings, manifest, missions)
-        findings += contradictions
-        team.gaps += gaps
+        checked = check_files(files, recordings, manifest, missions)
+        findings += checked.findings
+        team.gaps += checked.gaps
+        notes += checked.notes
+        commands = checked.commands
         if files.summary is None:
             notes = [*notes, NO_SUMMARY]
         if RUN_FILE in files.others and MISSION_FILE not in files.missions:

@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.recording.channels import PARTS, POSITIONS, SIGNATURES
-from mrbt_mesh.recording.folder import first_part, number_of_part, robot_file, robot_files
+from mrbt_mesh.recording.folder import (
+    first_part,
+    number_of_part,
+    observer_file,
+    robot_file,
+    robot_files,
+)
 from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.metadata import OBSERVER
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import open_recording, read_recording, read_recordings
 from mrbt_mesh.recording.writer import RecordingWriter
-from mrbt_mesh.runtime.member_keys import Manifest
+from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
+from mrbt_mesh.runtime.summary_signature import Covered, signature_of
 from mrbt_mesh.sim import AgentOptions, Freeze, Kill, Restart, Thaw
+from mrbt_mesh.views.replay.check_files import RunDirFiles
+from mrbt_mesh.views.replay.check_summary import SummaryFile
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.keys import keys_of
@@ -48,13 +59,14 @@ class Recorded:
     limited: Path
     manifest: Manifest
     keys: dict[str, Keys]
+    member_keys: MemberKeys
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     mission, _ = example(NAME)
     keys: dict[str, Keys] = dict(keys_of(*mission.robots, observer="eye"))
-    manifest = keys_of(*mission.robots, observer="eye")["eye"].manifest
+    eye = keys_of(*mission.robots, observer="eye")["eye"]
     keys[OBSERVER] = keys["eye"]
     folders = []
     for limit in (None, WHOLE, LIMITED):
@@ -62,7 +74,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
         options = AgentOptions(keys=keys, record_limit_bytes=limit)
         record_example(folder, NAME, 7, FAULTS, options)
         folders.append(folder)
-    return Recorded(*folders, manifest, keys)
+    return Recorded(*folders, eye.manifest, keys, eye)
 
 
 def proved(verdict: Verification) -> Verification:
@@ -101,6 +113,38 @@ def test_what_is_not_kept_is_mentioned_and_no_accusation(run: Recorded) -> None:
     assert number_of_part(robots[0]) > 1
     verdict = proved(verify(read_all(run.limited), run.manifest))
     assert any("begins with part" in note for note in verdict.notes)
+
+
+def test_what_parts_that_are_not_kept_had_does_not_contradict_the_summary(run: Recorded) -> None:
+    """Who took part in a task, and what came of one that is out of reach, is known only there."""
+    whole = Player(open_recording(observer_file(run.unlimited)))
+    whole.seek(whole.end_us)
+    summary, recordings = whole.summary(), read_all(run.limited)
+    (observer,) = (each for each in recordings if not each.metadata.robot)
+    late = read_recording(observer.parts[-1].path)
+    recordings = [*(each for each in recordings if each.metadata.robot), late]
+    kept = Player(late)
+    kept.seek(kept.end_us)
+    assert kept.summary()["global_tasks"] != summary["global_tasks"]
+
+    def verified(told: dict[str, Any]) -> Verification:
+        content = json.dumps(told).encode()
+        covered = Covered(late.metadata.run, "", ())
+        signature = signature_of(run.member_keys, content, covered)
+        files = RunDirFiles(SummaryFile(content, signature))
+        return verify(recordings, run.manifest, files)
+
+    verdict = verified(summary)
+    assert not verdict.findings
+    assert any(note.startswith("summary.json: not checked: who took") for note in verdict.notes)
+    tasks = summary["global_tasks"]
+    task = next(name for name, row in kept.summary()["global_tasks"].items() if row["robots"])
+    (finding,) = verified(
+        {**summary, "global_tasks": {**tasks, task: {**tasks[task], "robots": []}}}
+    ).findings
+    assert f"{task} is" in finding.text
+    (finding,) = verified({**summary, "result": "failure"}).findings
+    assert "its result is failure" in finding.text
 
 
 def test_each_part_is_read_and_proved_alone(run: Recorded) -> None:
