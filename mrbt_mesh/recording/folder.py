@@ -58,7 +58,7 @@ def open_new(path: Path) -> BinaryIO:
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     while True:
         with contextlib.suppress(FileExistsError):
-            return open_part(next(each for each in _numbered(path) if not parts_of(each)))
+            return open_part(next(each for each in numbered(path) if not parts_of(each)))
 
 
 def open_part(path: Path) -> BinaryIO:
@@ -86,7 +86,7 @@ def open_regular(path: Path) -> BinaryIO:
     return open(path, "rb", READ_BYTES)
 
 
-def _numbered(path: Path) -> Iterator[Path]:
+def numbered(path: Path) -> Iterator[Path]:
     """Yield the files of the recordings of several processes, in order."""
     yield path
     for number in itertools.count(2):
@@ -95,7 +95,7 @@ def _numbered(path: Path) -> Iterator[Path]:
 
 def earlier_files(path: Path) -> list[Path]:
     """Return the first parts, which may be gone, of recordings of earlier processes."""
-    return list(itertools.takewhile(parts_of, _numbered(path)))
+    return list(itertools.takewhile(parts_of, numbered(path)))
 
 
 def part_path(path: Path, number: int) -> Path:

@@ -9,7 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.folder import FOLDER, first_part
+from mrbt_mesh.recording.folder import (
+    FOLDER,
+    OBSERVERS,
+    first_part,
+    numbered,
+    observer_file,
+    parts_of,
+)
 from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.runtime.summary_signature import Covered
@@ -44,9 +51,34 @@ def _renamed(
     if all(first_part(each.path).name != named.name for each in recordings):
         for each in recordings:
             # A robot that was not launched by `mrbt up` records where it was told.
-            if each.metadata.is_observed and each.path.parent.name == FOLDER:
+            is_launched = each.metadata.is_observed and each.path.parent.name == FOLDER
+            if is_launched or is_observers_of_run(each):
                 text = f"it is the recording that {by} calls {named.name}"
                 yield RecordingFinding(each.name, 0, 0, text, (by,))
+
+
+def is_observers_of_run(recording: Recording) -> bool:
+    """Return whether it is an observer's recording in a run directory, under whatever number."""
+    path = recording.path
+    is_named_so = path.name.startswith(f"{OBSERVERS}.") and (path.parent / FOLDER).is_dir()
+    return is_named_so and not recording.metadata.robot
+
+
+def misnamed(recording: Recording) -> str:
+    """Return why an observer's recording of a run directory had another name when it was written;
+    else an empty text.
+
+    It took the first name that was free, and names the recordings that had the others.
+    """
+    path, taken = first_part(recording.path), [each.name for each in recording.metadata.earlier]
+    if path.name in taken:
+        return f"it is not {path.name}: it names that one as an earlier recording"
+    free = next(
+        each
+        for each in numbered(observer_file(path.parent))
+        if each == path or (each.name not in taken and not parts_of(each))
+    )
+    return f"it was written with another name: {free.name} was free" if free != path else ""
 
 
 def _added(

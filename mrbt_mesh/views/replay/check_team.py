@@ -22,7 +22,12 @@ from mrbt_mesh.recording.writer import SIGN_US
 from mrbt_mesh.runtime.launcher_lock import LEAVE_LIMIT_S
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
-from mrbt_mesh.views.replay.check_named import check_named, finished_by
+from mrbt_mesh.views.replay.check_named import (
+    check_named,
+    finished_by,
+    is_observers_of_run,
+    misnamed,
+)
 from mrbt_mesh.views.replay.check_recording import RecordingCheck
 from mrbt_mesh.views.replay.findings import Gap, GapKind, ProvedRecording, RecordingFinding
 
@@ -86,6 +91,9 @@ class TeamCheck:
         is_observers = called == OBSERVERS and (path.parent / FOLDER).is_dir()
         if called != robot if is_robots_folder else robot and is_observers:
             check.add_to(0, text)
+        elif is_observers_of_run(check.recording):
+            if other := misnamed(check.recording):
+                check.add_to(0, other)
         elif called != (robot or OBSERVERS):
             self.notes.append(f"{check.recording.name}: {text}")
         for each in check.recording.parts or (check.recording,):
