@@ -7,10 +7,14 @@ waits until a detached team has ended, and writes its summary. While it waits it
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
+import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,30 +24,59 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.run_dir import RunDir
 
 
-def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
+def summary_of_finished(run_dir: RunDir, *, is_witness: bool = False) -> dict[str, Any] | None:
     """Return the summary of a run without living processes, else None.
 
-    The summary is written first if the team was detached or its launcher killed. Raises InputError
-    for a damaged run directory.
+    The summary is written first if the team was detached or its launcher killed. `is_witness`: this
+    process has seen the run end, so its signature closes the recordings; that of another one says
+    that it was made afterwards. Raises InputError, with nothing written, for a damaged run
+    directory and for a key that cannot be used.
     """
     from mrbt_mesh.runtime.known_runs import is_running
 
     if is_running(run_dir):
         return None
-    summary = run_dir.summary()
-    if summary is None and run_dir.robots():
-        info = run_dir.info()
-        summary = _summary(run_dir)
-        from mrbt_mesh.runtime.summary_signature import sign_summary
+    from mrbt_mesh.runtime.summary_signature import is_closed, summary_keys
 
+    summary = run_dir.summary()
+    if run_dir.robots() and (not is_closed(run_dir) if is_witness else summary is None):
+        summary_keys(run_dir)  # raises if they are refused
+        info = run_dir.info()
+        made = _summary(run_dir)
         # The run may have been continued meanwhile: then that was not its last end.
         if run_dir.info() != info or is_running(run_dir):
             return None
-        # Several processes may do this at the same time: all show the summary written first.
-        if run_dir.write_first_summary(summary):
-            sign_summary(run_dir)
+        _write_summary(run_dir, made, is_witness=is_witness)
         summary = run_dir.summary()
     return summary
+
+
+def _write_summary(run_dir: RunDir, summary: dict[str, Any], *, is_witness: bool) -> None:
+    """Write and sign a summary, unless there is one already.
+
+    A witness replaces one that was not signed at the end: `mrbt status` may have been faster.
+    """
+    from mrbt_mesh.runtime.summary_signature import is_closed, sign_summary
+
+    with _one_at_a_time(run_dir):
+        if is_witness and not is_closed(run_dir):
+            run_dir.write_summary(summary)
+            sign_summary(run_dir)
+        elif run_dir.write_first_summary(summary):
+            sign_summary(run_dir, int(time.time()))
+
+
+@contextlib.contextmanager
+def _one_at_a_time(run_dir: RunDir) -> Iterator[None]:
+    """Have one process at a time write and sign the summary."""
+    descriptor = os.open(run_dir.path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        # Some network disks have no locks.
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def has_ended(run_dir: RunDir) -> bool:
@@ -151,7 +184,7 @@ def wait_and_write(run_dir: RunDir) -> None:
 
     while running := [p for robot in run_dir.robots() if (p := run_dir.process(robot)) is not None]:
         psutil.wait_procs(running)
-    summary_of_finished(run_dir)
+    summary_of_finished(run_dir, is_witness=True)
 
 
 if __name__ == "__main__":

@@ -13,11 +13,15 @@ import pytest
 from mrbt_mesh.cli import finished
 from mrbt_mesh.cli.finished import summary_of_finished
 from mrbt_mesh.cli.options import chosen_robots
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.command_log import note_command
+from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.robot_options import RobotOptions
-from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.run_dir import SIGNATURE_FILE, RunDir
+from mrbt_mesh.runtime.summary_signature import parse_signature
 from mrbt_mesh.runtime.team import new_run
 from mrbt_mesh.sim import Kill
 from tests.support.paths import mission_file
@@ -137,6 +141,54 @@ def test_deaths_that_nobody_saw_are_faults_too(
     died = [fault["robot"] for fault in found["faults"] if fault["kind"] == "major"]
     assert sorted(died) == (sorted(robots) if state == "dead" else [])
     assert found["result"] == ("ended" if is_ended else "blocked")
+
+
+def sign(run_dir: RunDir) -> Path:
+    """Give the run keys; the operator's."""
+    KeyFolder.create(run_dir.keys_path, {"operator": Role.OPERATOR, "R1": Role.ROBOT})
+    return run_dir.keys_path / "operator.key"
+
+
+def afterwards(run_dir: RunDir) -> int | None:
+    text = (run_dir.path / SIGNATURE_FILE).read_text()
+    return parse_signature(text, RUN).covered.afterwards_unix_s
+
+
+def test_who_has_not_seen_the_end_signs_that_it_was_afterwards(run_dir: RunDir) -> None:
+    begin(run_dir, "R1")
+    sign(run_dir)
+    begun_s = int(time.time())
+    assert summary_of_finished(run_dir) is not None
+    at_s = afterwards(run_dir)
+    assert at_s is not None
+    assert begun_s <= at_s <= time.time()
+    assert summary_of_finished(run_dir, is_witness=True) is not None
+    assert afterwards(run_dir) is None, "a witness was slower"
+    before = (run_dir.path / SIGNATURE_FILE).read_bytes()
+    summary_of_finished(run_dir)
+    summary_of_finished(run_dir, is_witness=True)
+    assert (run_dir.path / SIGNATURE_FILE).read_bytes() == before
+
+
+def test_a_witness_signs_no_summary_of_anybody_else(run_dir: RunDir) -> None:
+    begin(run_dir, "R1")
+    sign(run_dir)
+    run_dir.write_summary({"result": "success"})
+    found = summary_of_finished(run_dir, is_witness=True)
+    assert found is not None
+    assert found["result"] == "blocked"
+
+
+def test_a_key_that_is_refused_leaves_no_summary(run_dir: RunDir) -> None:
+    begin(run_dir, "R1")
+    key = sign(run_dir)
+    key.chmod(0o644)
+    with pytest.raises(InputError, match="chmod 600"):
+        summary_of_finished(run_dir)
+    assert run_dir.summary() is None
+    key.chmod(0o600)
+    assert summary_of_finished(run_dir) is not None
+    assert afterwards(run_dir) is not None
 
 
 def test_a_summary_is_written_where_the_file_system_has_no_links(

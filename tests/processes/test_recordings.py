@@ -95,7 +95,7 @@ def test_nothing_can_be_added_to_a_killed_robots_recording_once_the_run_has_ende
 
 
 @pytest.mark.parametrize("who", ["mrbt up", "all robots"])
-def test_a_run_that_was_killed_is_proved_once_its_end_is_signed(team: Team, who: str) -> None:
+def test_the_end_of_a_run_is_proved_by_who_has_seen_it(team: Team, who: str) -> None:
     team.hold("explore")
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
@@ -106,15 +106,21 @@ def test_a_run_that_was_killed_is_proved_once_its_end_is_signed(team: Team, who:
         team.signal_launcher(signal.SIGKILL)
         psutil.wait_procs(processes)
         done = team.command("recording", "verify", str(team.run_dir), "--json")
-        (gap,) = json.loads(done.stdout)["not_proved"]
+        gaps = json.loads(done.stdout)["not_proved"]
+        (gap,) = gaps
         assert (gap["kind"], gap["of"], done.returncode) == ("end", "run.mcap", 1)
         assert "its observer ended before it wrote summary.json" in gap["text"]
-        assert gap["remedy"].startswith(f"`mrbt status --run-dir {team.run_dir}` writes")
+        assert gap["remedy"].endswith("--accept end")
         team.mrbt("status", "--run-dir", str(team.run_dir))
-    else:
-        for process in processes:
-            process.kill()
-        team.end()
+        done = team.command("recording", "verify", str(team.run_dir), "--json")
+        told = json.loads(done.stdout)
+        assert (told["not_proved"], done.returncode) == (gaps, 1)
+        assert any("signed afterwards, at " in note for note in told["notes"])
+        team.mrbt("recording", "verify", str(team.run_dir), "--accept", "end")
+        return
+    for process in processes:
+        process.kill()
+    team.end()
     told = json.loads(team.mrbt("recording", "verify", str(team.run_dir), "--json"))
     ends = [each["end"] for each in told["proved"]]
     assert "no end: ended abruptly (nobody wrote it any more when summary.json was written)" in ends

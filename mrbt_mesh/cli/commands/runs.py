@@ -94,7 +94,7 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     anyio.run(Team(found, info, load_mission(found.mission_path)).end)
     if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:
         fail(f"{info.team}: {', '.join(left)} cannot be ended", FAILURE)
-    summary = summary_of_finished(found)
+    summary = summary_of_finished(found, is_witness=True)
     ended = "1 robot" if len(robots) == 1 else f"{len(robots)} robots"
     has_ended = summary is not None and summary["result"] in ("success", "failure")
     result = f", mission {summary['result']}" if summary and has_ended else ", mission not finished"

@@ -31,6 +31,9 @@ REFUSALS_TIMEOUT_S = 1.0
 def status(team: TeamOptions, as_json: bool) -> None:
     """Show who does what, which requests are blocked, and whether all robots agree.
 
+    Of a run that has ended it shows summary.json. Where nobody has written one, as where `mrbt up`
+    was killed, it writes it, and in a team with keys signs that this was done afterwards.
+
     Example: mrbt status --json
     """
     from mrbt_mesh.cli.finished import print_finished, summary_of_finished

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.recording.folder import first_part
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest
@@ -17,7 +18,7 @@ from mrbt_mesh.views.replay.check_named import check_named, not_covered
 from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
 
 FILE = "summary.json"
-_GIVE = "give it, with summary.signature"
+_GIVE = f"give it, with {SIGNATURE_FILE}, or accept that with --accept {GapKind.SUMMARY}"
 
 
 @dataclass(frozen=True)
@@ -76,11 +77,22 @@ def not_checked(summary: SummaryFile, recordings: Sequence[Recording]) -> Iterat
         yield f"{FILE}: not checked: {text} {', '.join(late)} had"
 
 
-def missing_summary(recordings: Sequence[Recording]) -> Iterator[Gap]:
-    """Report a missing summary: it must exist if its observer has come to its end."""
+def missing_summary(recordings: Sequence[Recording], is_later: bool = False) -> Iterator[Gap]:
+    """Report a missing summary: it must exist if its observer has come to its end.
+
+    When a run goes on, the summary of its earlier end is removed. `is_later`: another one was
+    signed afterwards.
+    """
+    went_on = {
+        named.name for r in recordings if not r.metadata.robot for named in r.metadata.earlier
+    }
     for each in recordings:
-        if each.metadata.has_summary and any(signed.is_end for signed in each.signatures):
-            text = f"it is missing, and was written at the end of {each.name}"
+        has_ended = any(signed.is_end for signed in each.signatures)
+        is_last = first_part(each.path).name not in went_on
+        if each.metadata.has_summary and has_ended and is_last:
+            text = f"the one written at the end of {each.name} is missing"
+            if is_later:
+                text += ": this one was signed afterwards"
             yield Gap(GapKind.SUMMARY, FILE, text, _GIVE)
 
 
@@ -101,6 +113,8 @@ def _signed(
         text = "it is not what was signed in summary.signature"
         yield RecordingFinding(FILE, 0, 0, text)
         return
+    if not covered.is_of_the_end:
+        yield from missing_summary(recordings, is_later=True)
     yield from check_named(FILE, covered.recordings, recordings)
     for each in not_covered(covered, recordings):
         text = "it is of an earlier end of the run: it was signed before this recording began"

@@ -42,14 +42,14 @@ CLOCKS_US = 5_000_000
 class TeamCheck:
     """Checks recordings together. Call `run` once, after each recording was checked by itself.
 
-    `finished`: which files say of which recordings that nobody wrote them any more. `unfinished`:
-    the run directory if its summary, which says so of all, can still be written; else empty.
+    `finished`: which files say of which recordings that nobody wrote them any more. `is_run_dir`:
+    they are those of a run directory, where one of them must say so of each without a signed end.
     """
 
     checks: Sequence[RecordingCheck]
     manifest: Manifest | None
     finished: Sequence[tuple[str, NamedRecording]] = ()
-    unfinished: str = ""
+    is_run_dir: bool = False
     proved: list[ProvedRecording] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     findings: list[RecordingFinding] = field(default_factory=list)
@@ -209,6 +209,7 @@ class TeamCheck:
         """
         robot, life = recording.metadata.robot, _last_life(recording)
         if robot and life is None:
+            self._open_end(recording, last)
             return "no end: killed before it joined"
         found = sorted(self._deaths(recording, life)) if life is not None else []
         last_us = _unix_us(recording, recording.records[-1].at_us)
@@ -223,8 +224,16 @@ class TeamCheck:
             text = f"it ends {silent_us / 1e6:.1f} s before {by} noticed the end of {robot}"
             self._gap(GapKind.END, recording.name, text, "give the whole file")
         at_s = (at_us - _unix_us(recording, recording.begin_us)) / 1e6
+        self._open_end(recording, last)
         others = ", ".join(sorted({name for _, name, _ in found}))
         return f"no end: killed ({others} noticed, at {at_s:.3f} s first)"
+
+    def _open_end(self, recording: Recording, last: Signature | None) -> None:
+        """Add a gap if nothing that was signed at the run's end says how far a recording goes."""
+        if self.is_run_dir and not finished_by(recording, self.finished):
+            text = f"signed until {_seconds(recording, last.until_us)} s" if last else "not signed"
+            text += f", and no {SUMMARY_FILE} that was signed at the run's end says how far it goes"
+            self._gap(GapKind.END, recording.name, text, _ACCEPT_END)
 
     def _finished_end(self, recording: Recording, last: Signature | None) -> str:
         """Return who says that a recording had ended abruptly; without anybody, add a gap."""
@@ -238,10 +247,7 @@ class TeamCheck:
             text += f", and nothing says that {robot} died"
         elif recording.metadata.has_summary:
             text += f": its observer ended before it wrote {SUMMARY_FILE}"
-        remedy = _ACCEPT_END
-        if self.unfinished:
-            remedy = f"`mrbt status --run-dir {self.unfinished}` writes the signed {SUMMARY_FILE}"
-        self._gap(GapKind.END, recording.name, _with_torn(text, recording), remedy)
+        self._gap(GapKind.END, recording.name, _with_torn(text, recording), _ACCEPT_END)
         return "no end"
 
     def _ends_early(self, recording: Recording) -> bool:

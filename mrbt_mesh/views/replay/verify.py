@@ -10,8 +10,8 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from functools import partial
-from shlex import quote
 
 from mrbt_mesh.core.facts.records import PROBLEM, RECORDING
 from mrbt_mesh.core.facts.store import Incarnation, Version
@@ -21,6 +21,7 @@ from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.command_log import NotedCommand
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
 from mrbt_mesh.runtime.run_dir import MISSION_FILE, RUN_FILE, SUMMARY_FILE
+from mrbt_mesh.runtime.summary_signature import Covered
 from mrbt_mesh.views.replay.check_derived import early
 from mrbt_mesh.views.replay.check_files import RunDirFiles, check_files
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
@@ -68,7 +69,9 @@ def verify(
     _missing(checks)
     for check, fact in early(checks):
         check.add(fact, f"{fact.author}'s {fact.name} is written before the time for it")
-    team = TeamCheck(checks, manifest, _finished(files, recordings, manifest), _unfinished(files))
+    summary = _covered(files, recordings, manifest)
+    finished = _finished(recordings, summary)
+    team = TeamCheck(checks, manifest, finished, files is not None and manifest is not None)
     team.run()
     notes = [*notes, *team.notes]
     findings = [*team.findings, *(each for check in checks for each in check.findings)]
@@ -83,6 +86,8 @@ def verify(
         commands = checked.commands
         if files.summary is None:
             notes = [*notes, NO_SUMMARY]
+        elif summary is not None and summary.afterwards_unix_s is not None:
+            notes = [*notes, _afterwards(summary.afterwards_unix_s)]
         if RUN_FILE in files.others and MISSION_FILE not in files.missions:
             notes = [*notes, NO_MISSION]
     counts: Counter[str] = Counter()
@@ -103,22 +108,35 @@ def verify(
     )
 
 
-def _finished(
+def _covered(
     files: RunDirFiles | None, recordings: Sequence[Recording], manifest: Manifest | None
+) -> Covered | None:
+    """Return what was signed with the summary; None without one, or if it was changed."""
+    if files is None or files.summary is None or manifest is None:
+        return None
+    return covered_by(files.summary, recordings[0].metadata.run, manifest)
+
+
+def _finished(
+    recordings: Sequence[Recording], summary: Covered | None
 ) -> list[tuple[str, NamedRecording]]:
-    """Return which files say of which recordings that they were finished."""
+    """Return which files say of which recordings that they were finished.
+
+    A summary that was signed afterwards does not know what was changed before.
+    """
     found = [(each.name, named) for each in recordings for named in each.metadata.earlier]
-    if files is not None and files.summary is not None and manifest is not None:
-        covered = covered_by(files.summary, recordings[0].metadata.run, manifest)
-        found += [(SUMMARY_FILE, named) for named in (covered.recordings if covered else ())]
+    if summary is not None and summary.is_of_the_end:
+        found += [(SUMMARY_FILE, named) for named in summary.recordings]
     return [(by, named) for by, named in found if named.is_finished]
 
 
-def _unfinished(files: RunDirFiles | None) -> str:
-    """Return the run directory, as a shell reads it, if `mrbt status` writes its summary."""
-    if files is None or files.path is None or files.summary is not None:
-        return ""
-    return quote(str(files.path)) if RUN_FILE in files.others else ""
+def _afterwards(unix_s: int) -> str:
+    """Return the note about a summary that was signed after the run's end."""
+    at = datetime.fromtimestamp(unix_s, UTC)
+    return (
+        f"{SUMMARY_FILE}: signed afterwards, at {at:%Y-%m-%d %H:%M:%S} UTC by status: what was "
+        "changed before cannot be seen, nor whether commands.jsonl had more lines"
+    )
 
 
 def _run(recording: Recording) -> tuple[str, str]:

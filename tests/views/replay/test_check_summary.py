@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -13,10 +12,12 @@ from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import RecordedMessages, Recording, named
 from mrbt_mesh.runtime.member_keys import Manifest
-from mrbt_mesh.runtime.summary_signature import Covered, signature_of
+from mrbt_mesh.runtime.summary_signature import Covered, parse_signature, signature_of
+from mrbt_mesh.sim import Kill
 from mrbt_mesh.views.replay import check_team
 from mrbt_mesh.views.replay.check_files import RunDirFiles
-from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
+from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary, missing_summary
+from mrbt_mesh.views.replay.findings import GapKind, Verification
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.keys import keys_of
 from tests.support.recorded import read_all, record_keyed
@@ -126,8 +127,7 @@ def test_a_signed_summary_explains_an_abrupt_end(run: Run, monkeypatch: pytest.M
             summary = None
             if names is not None:
                 summary = SummaryFile(content, covering(run, content, names))
-            others = ("run.json",) if names is None else ()
-            files = RunDirFiles(summary, others=others, path=Path("my run"))
+            files = RunDirFiles(summary, others=() if names else ("run.json",))
             return [str(gap) for gap in verify(here, manifest, files).gaps]
 
         assert gaps(here, at_end) == []
@@ -135,8 +135,7 @@ def test_a_signed_summary_explains_an_abrupt_end(run: Run, monkeypatch: pytest.M
         (text,) = gaps(here, goes_on)
         assert re.match(rf"{recording.name}: it ends abruptly at [0-9.]+ s \(signed until ", text)
         assert text.endswith("if nothing more was recorded, accept it with --accept end")
-        (text,) = gaps(here, None)
-        assert text.endswith("`mrbt status --run-dir 'my run'` writes the signed summary.json")
+        assert gaps(here, None) == [text]
     monkeypatch.setattr(check_team, "LEAVE_LIMIT_S", 0.0)
     monkeypatch.setattr(check_team, "CLOCKS_US", 0)
     observer = recordings[-1]
@@ -149,6 +148,73 @@ def test_a_signed_summary_explains_an_abrupt_end(run: Run, monkeypatch: pytest.M
         RunDirFiles(SummaryFile(content, covering(run, content, at_end))),
     )
     assert any("run.mcap: it ends abruptly at" in str(gap) for gap in verdict.gaps)
+
+
+def test_what_was_signed_afterwards_closes_nothing(run: Run) -> None:
+    """A summary that `mrbt up` wrote may have been removed, and a recording changed, before."""
+    recordings, manifest, content = run
+    *robots, observer = recordings
+    observer = replace(observer, metadata=replace(observer.metadata, has_summary=True))
+    at_end = named([each.path for each in recordings], observer.metadata.run)
+    key = keys_of("R1", "R2", observer="eye")["eye"]
+
+    def verdict(here: list[Recording], at_s: int | None) -> Verification:
+        covered = Covered(observer.metadata.run, "", at_end, at_s)
+        text = signature_of(key, content, covered)
+        assert parse_signature(text, observer.metadata.run).covered == covered
+        return verify(here, manifest, RunDirFiles(SummaryFile(content, text)))
+
+    whole = [*robots, observer]
+    assert verdict(whole, None).is_proved
+    later = verdict(whole, 1_000_000_000)
+    (text,) = map(str, later.gaps)
+    assert text.startswith("summary.json: the one written at the end of run.mcap is missing: this")
+    assert text.endswith("or accept that with --accept summary")
+    (note,) = (each for each in later.notes if "afterwards" in each)
+    assert (
+        "signed afterwards, at 2001-09-09 01:46:40 UTC by status: what was changed before" in note
+    )
+    signatures = tuple(each for each in observer.signatures if not each.is_end)
+    killed = [*robots, replace(observer, signatures=signatures, cut_off_at=1)]
+    assert verdict(killed, None).is_proved
+    assert verdict(killed, 1).gaps == verify(killed, manifest, RunDirFiles()).gaps
+    assert [gap.kind for gap in verdict(killed, 1).gaps] == [GapKind.END]
+
+
+@pytest.mark.parametrize("at_s", ['"1"', "true", "-1", "1.5", "null", "1e300"])
+def test_a_time_that_no_clock_shows_is_not_signed(run: Run, at_s: str) -> None:
+    text = signed(run, run[2])[:-2] + f', "afterwards_unix_s": {at_s}}}\n'
+    assert found(run, run[2], text) == ["summary.signature: it is not as mrbt writes it"]
+
+
+def test_a_killed_robots_end_stays_open_until_the_runs_end_is_signed(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Others noticed its death; but anybody could have changed what it did not sign."""
+    folder = tmp_path_factory.mktemp("killed")
+    result, manifest = record_keyed(folder, "explore", 3, [(3_000_000, Kill("R1"))])
+    recordings, content = read_all(folder), json.dumps(result.summary).encode()
+    assert verify(recordings, manifest).is_proved
+    (gap,) = verify(recordings, manifest, RunDirFiles()).gaps
+    assert (gap.kind, gap.of) == (GapKind.END, "R1.mcap")
+    assert "no summary.json that was signed at the run's end says how far it goes" in gap.text
+    at_end = named([each.path for each in recordings], recordings[0].metadata.run)
+    key = keys_of("R1", "R2", observer="eye")["eye"]
+    text = signature_of(key, content, Covered(recordings[0].metadata.run, "", at_end))
+    assert verify(recordings, manifest, RunDirFiles(SummaryFile(content, text))).is_proved
+
+
+def test_the_summary_of_an_end_after_which_the_run_went_on_is_not_missed(run: Run) -> None:
+    """`mrbt up --continue` has removed it."""
+    *robots, observer = run[0]
+    observer = replace(observer, metadata=replace(observer.metadata, has_summary=True))
+    assert [gap.of for gap in missing_summary([*robots, observer])] == ["summary.json"]
+    at_end = named([observer.path], observer.metadata.run)
+    went_on = replace(observer.metadata, earlier=at_end)
+    later = replace(
+        observer, path=observer.path.with_name("run.2.mcap"), metadata=went_on, signatures=()
+    )
+    assert [*missing_summary([*robots, observer, later])] == []
 
 
 def test_a_summary_whose_signature_alone_is_there_is_missing(run: Run) -> None:
