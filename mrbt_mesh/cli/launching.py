@@ -32,6 +32,7 @@ from mrbt_mesh.runtime.capacity import (
     Overload,
     overload,
 )
+from mrbt_mesh.runtime.command_log import check_signer
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.observer_recording import RecordTo
@@ -73,6 +74,7 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
         raise InputError(f"{found.path}: {', '.join(running)} still run; see `mrbt watch`")
     if not found.is_run_of(mission):
         raise InputError(f"{found.path} is a run of another mission, or of another version of it")
+    check_signer(found)
     before = found.info()
     if info.options.insecure != before.options.insecure:
         how = "without" if before.options.insecure else "with"

@@ -72,6 +72,11 @@ def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = 
         raise RunDirError(f"{path}: the command is not noted for reports: {reason}") from error
 
 
+def check_signer(run_dir: RunDir) -> None:
+    """Raise KeysError if the operator's key is refused, so that nothing is done and not noted."""
+    _operator(run_dir)
+
+
 @dataclass(frozen=True)
 class TeamEnd:
     """An operator has ended the team by `mrbt down`.
@@ -148,7 +153,8 @@ def noted_commands(content: bytes, run: str, manifest: Manifest | None) -> Itera
 def _operator(run_dir: RunDir) -> MemberKeys | None:
     """Return the operator's keys in the run directory.
 
-    None without keys, or without an operator's.
+    None without keys, or without an operator's; the line is then not signed, and `verify` says so.
+    Raises KeysError for a key that cannot be used.
     """
     if not run_dir.keys_path.is_dir():
         return None
@@ -157,9 +163,10 @@ def _operator(run_dir: RunDir) -> MemberKeys | None:
 
     folder = KeyFolder(run_dir.keys_path)
     try:
-        keys = folder.keys_of(folder.reader())
+        reader = folder.reader()
     except InputError:
-        return None  # the line is not signed, and `verify` says so
+        return None
+    keys = folder.keys_of(reader)
     return keys if keys.role_of(keys.name) is Role.OPERATOR else None
 
 

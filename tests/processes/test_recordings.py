@@ -126,6 +126,22 @@ def test_the_end_of_a_run_is_proved_by_who_has_seen_it(team: Team, who: str) -> 
     assert "no end: ended abruptly (nobody wrote it any more when summary.json was written)" in ends
 
 
+def test_with_a_refused_key_no_command_is_carried_out(team: Team) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_event("explore", "start")
+    key = team.run_dir / "keys" / "operator.key"
+    key.chmod(0o644)
+    alive = {process.pid for process in team.running()}
+    for words in (("kill", "R1"), ("freeze", "R1"), ("down",), ("join", "R1", "--takeover")):
+        done = team.command(*words, "--run-dir", str(team.run_dir))
+        assert (done.returncode, "chmod 600" in done.stderr) == (2, True), done
+    assert {process.pid for process in team.running()} == alive
+    assert not (team.run_dir / "commands.jsonl").exists()
+    key.chmod(0o600)
+    team.mrbt("down", "--run-dir", str(team.run_dir))
+
+
 def test_one_who_watches_records_the_state_that_it_holds(team: Team) -> None:
     team.hold("explore")
     team.up(EXPLORE, "--no-record")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.membership.keys import Role
-from mrbt_mesh.runtime.command_log import head_of, heads, note_command, noted_commands
-from mrbt_mesh.runtime.key_folder import KeyFolder
+from mrbt_mesh.runtime.command_log import check_signer, head_of, heads, note_command, noted_commands
+from mrbt_mesh.runtime.key_folder import KeyFolder, KeysError
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir, RunDirError, RunInfo
 
@@ -103,6 +103,19 @@ def test_a_robots_key_notes_nothing(run_dir: RunDir) -> None:
     (run_dir.keys_path / "root.key").unlink()
     note_command(run_dir, "mrbt pause", "paused")
     assert problems(run_dir, content_of(run_dir))[-1] == "unsigned"
+
+
+def test_a_key_that_is_refused_signs_nothing_and_is_named_before(run_dir: RunDir) -> None:
+    before, key = content_of(run_dir), run_dir.keys_path / "root.key"
+    check_signer(run_dir)
+    key.chmod(0o644)
+    with pytest.raises(KeysError, match="chmod 600"):
+        check_signer(run_dir)
+    with pytest.raises(RunDirError, match="chmod 600"):
+        note_command(run_dir, "mrbt pause", "paused")
+    assert content_of(run_dir) == before
+    key.unlink()
+    check_signer(run_dir)
 
 
 def test_a_command_that_cannot_be_noted_is_an_error(run_dir: RunDir) -> None:

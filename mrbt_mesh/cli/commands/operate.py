@@ -59,6 +59,7 @@ def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Co
     def send(robot: str, run_dir: Path | None, as_json: bool) -> None:
         import psutil
 
+        from mrbt_mesh.runtime.command_log import check_signer
         from mrbt_mesh.runtime.known_runs import find_run
 
         found = find_run(run_dir)
@@ -66,6 +67,7 @@ def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Co
         if process is None:
             found.check_robot(robot)
             raise InputError(f"{robot} does not run in {found.path}; `mrbt join {robot}` starts it")
+        check_signer(found)
         begun_s = time.time()
         try:
             process.send_signal(number)
@@ -423,6 +425,7 @@ def join(
     from mrbt_mesh.core.membership.timing import SECOND_US
     from mrbt_mesh.core.mission.names import is_robot_id
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.command_log import check_signer
     from mrbt_mesh.runtime.journal import read_journals
     from mrbt_mesh.runtime.known_runs import find_run
     from mrbt_mesh.runtime.team import Team
@@ -441,6 +444,7 @@ def join(
     running = found.process(robot)
     if running is not None and not takeover:
         raise InputError(_running_text(robot, running))
+    check_signer(found)
     had_ended = reopen(found)
     team = Team(found, found.info(), mission)
     if running is None:

@@ -78,6 +78,7 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
 
     from mrbt_mesh.cli.finished import summary_of_finished
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.command_log import check_signer
     from mrbt_mesh.runtime.known_runs import find_run, is_running
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.team_client import user_name
@@ -88,6 +89,7 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     info = found.info()
     if not is_running(found):
         raise InputError(f"team {info.team} does not run any more; `mrbt ls` lists those that do")
+    check_signer(found)
     robots = [*found.living()]
     note_command(found, "down", f"ended by {user_name()} (mrbt down)")
     _end_launcher(found)
