@@ -12,6 +12,9 @@ from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
+# A robot's state, or a run's result: the recordings end before.
+NOT_KNOWN = "not known"
+
 
 @dataclass(frozen=True)
 class ReportedWork:

@@ -14,6 +14,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
 from mrbt_mesh.views.report.model import (
+    NOT_KNOWN,
     Disagreement,
     ReportedFault,
     ReportedPlan,
@@ -79,7 +80,7 @@ def _run(run: RunReport) -> str:
         _cards(run),
         _section("Who did what when", _chart(run)),
         _section("Jobs", _jobs(run)),
-        _section("Faults", _faults(run) or _none("No robot died or lost a capability.")),
+        _section("Faults", _faults(run) or _none(_no_faults(run))),
         _section("What operators commanded", _commands(run)),
         _section("Failures", _failures(run)),
         _pair(_section("Robots", _robots(run)), _section("Global tasks", _tasks(run))),
@@ -89,6 +90,16 @@ def _run(run: RunReport) -> str:
         _section("Verification", _proof(run)),
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _no_faults(run: RunReport) -> str:
+    if names := _not_known(run):
+        return f"None is recorded; whether {', '.join(names)} died is not known."
+    return "No robot died or lost a capability."
+
+
+def _not_known(run: RunReport) -> list[str]:
+    return [each.robot for each in run.robots if each.state == NOT_KNOWN]
 
 
 def _identity(run: RunReport) -> str:
@@ -161,6 +172,8 @@ def _cards(run: RunReport) -> str:
         (_seconds(run.duration_s), "from the first robot's joining to the result"),
         (f"{died} + {lost}", "deaths (major faults) and losses of capabilities (minor)"),
     ]
+    if names := _not_known(run):
+        cards.append((f"{len(names)}", "robots whose end is not known"))
     if died:
         cards.append((_detected(run), "until a death was detected"))
         words = f"until its task ran again: {len(taken)} of {len(held)} taken over"

@@ -34,18 +34,28 @@ NOT_READY = "its partners were not there yet"
 ON_WAY = "it went to its place, and waited for its partners there if it has any"
 
 
-def report_recording(recording: Recording, title: str) -> RunReport:
-    """Play the recording once and count. Raises RecordingError if it is damaged."""
+def report_recording(
+    recording: Recording, title: str, told: RunReport | None = None, *, is_continued: bool = False
+) -> RunReport:
+    """Play the recording once and count. Raises RecordingError if it is damaged.
+
+    `told`: the run's summary, which also knows its end and deaths that nobody saw. `is_continued`:
+    the recording began later than the run.
+    """
     player, history = Player(recording), History()
     record = player.observer.record
     for at_us in sorted(set(recording.records.times_us)):
         player.seek(at_us)
         if record.ended_us is None:
             history.look(player.observer, at_us)
+    if told is not None:
+        _add_unseen(record, told, player.end_us, is_continued)
     end_us = player.end_us if record.ended_us is None else record.ended_us
+    end_us = max([end_us, *(f.at_us for f in record.major if record.result is None)])
     history.end(end_us)
     summary = player.summary()
-    result = summary["result"]
+    result = summary["result"] if told is None else told.result
+    states = {each.robot: each.state for each in told.robots} if told is not None else {}
     robot = recording.metadata.robot
     notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
     notes += [f"{recording.name}: {x}" for x in (recording.torn, recording.begins_late) if x]
@@ -59,8 +69,11 @@ def report_recording(recording: Recording, title: str) -> RunReport:
         title,
         summary["mission"],
         result,
-        summary["duration_s"],
-        tuple(_use(record, name, history, end_us) for name in sorted(record.joined_us)),
+        max(summary["duration_s"], record.seconds(end_us) or 0.0),
+        tuple(
+            _use(record, name, history, end_us, states.get(name))
+            for name in sorted(record.joined_us)
+        ),
         _faults(record, history),
         tuple(
             TaskEnd(name, task["status"], tuple(task["robots"]))
@@ -213,7 +226,22 @@ def _faults(record: RunRecord, history: History) -> tuple[ReportedFault, ...]:
     return tuple(sorted([*major, *minor], key=lambda fault: (fault.at_s, fault.robot)))
 
 
-def _use(record: RunRecord, robot: str, history: History, end_us: int) -> RobotUse:
+def _add_unseen(record: RunRecord, told: RunReport, now_us: int, is_continued: bool) -> None:
+    """Add the deaths of the summary that no observer saw, as where all robots were killed."""
+    if record.started_us is None:
+        return
+    # The summary may count from the begin of the whole run, and ends with this part of it.
+    later_s = told.duration_s - (record.seconds(now_us) or 0.0) if is_continued else 0.0
+    for fault in told.deaths:
+        at_s = fault.at_s - max(0.0, later_s)
+        if fault.until_s is None and at_s >= 0:
+            record.died_unseen(fault.robot, record.started_us + round(at_s * 1e6))
+
+
+def _use(
+    record: RunRecord, robot: str, history: History, end_us: int, told: str | None
+) -> RobotUse:
+    """Return how a robot spent its time; `told`: its state in the summary."""
     away = [
         *history.left_us(robot),
         *((f.at_us, f.until_us or end_us) for f in record.major if f.robot == robot),
@@ -230,7 +258,7 @@ def _use(record: RunRecord, robot: str, history: History, end_us: int) -> RobotU
     return RobotUse(
         robot,
         str(about.get("type") or ""),
-        str(about.get("state") or ""),
+        told or str(about.get("state") or ""),
         _length_s(present),
         _length_s(_both(present, worked)),
         _length_s(_both(present, starting)),

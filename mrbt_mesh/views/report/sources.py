@@ -12,10 +12,11 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
-from mrbt_mesh.recording.reader import Recording, open_recording
+from mrbt_mesh.recording.reader import EmptyRecordingError, Recording, open_recording
 from mrbt_mesh.runtime.command_log import read_regular
-from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
-from mrbt_mesh.views.replay.findings import Verification
+from mrbt_mesh.runtime.run_dir import SIGNATURE_FILE, SUMMARY_FILE
+from mrbt_mesh.views.replay.findings import GapKind, Verification
+from mrbt_mesh.views.report.abrupt_ends import with_abrupt_ends
 from mrbt_mesh.views.report.model import (
     Proof,
     ReportedCommand,
@@ -49,10 +50,17 @@ def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
             opened = map(open_recording, sorted(files, key=lambda file: len(file.name)))
             recordings = sorted(opened, key=_began_unix_us)
             proof = verify(path)
+            is_told = data is not None and _is_as_signed(proof)
+            told = report_summary(data, title) if data is not None and is_told else None
             begins = [_began_unix_us(each) / 1e6 for each in recordings]
             for at, recording in enumerate(recordings):
                 more = f", {recording.name}" if len(recordings) > 1 else ""
-                found = report_recording(recording, f"{title}{more}")
+                is_last = at == len(recordings) - 1
+                found = report_recording(
+                    recording, f"{title}{more}", told if is_last else None, is_continued=at > 0
+                )
+                if is_last and told is None:
+                    found = with_abrupt_ends(found, recording, _robots_last(path))
                 began_unix_s = found.identity.began_unix_s if found.identity is not None else None
                 from_s = begins[at] if at else -math.inf
                 until_s = [*begins, math.inf][at + 1]
@@ -65,6 +73,25 @@ def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
     raise InputError(
         f"{path} holds neither recordings nor {SUMMARY_FILE}: it is not a run directory"
     )
+
+
+def _is_as_signed(found: Verification) -> bool:
+    """Return whether nothing speaks against the summary; without keys nothing proves it either."""
+    files = {each.file for each in found.findings}
+    files |= {each.of for each in found.gaps if each.kind is GapKind.SUMMARY}
+    return files.isdisjoint((SUMMARY_FILE, SIGNATURE_FILE))
+
+
+def _robots_last(run_dir: Path) -> list[Recording]:
+    """Return the last recording of each robot."""
+    found: dict[str, Recording] = {}
+    for path in first_parts(robot_files(run_dir)):
+        with contextlib.suppress(EmptyRecordingError):
+            each = open_recording(path)
+            robot = each.metadata.robot
+            if robot not in found or _began_unix_us(found[robot]) < _began_unix_us(each):
+                found[robot] = each
+    return list(found.values())
 
 
 def _proof(found: Verification) -> Proof:

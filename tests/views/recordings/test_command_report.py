@@ -130,7 +130,7 @@ def test_each_part_of_a_run_that_was_continued_is_reported(folder: Path, tmp_pat
         runs = json.loads(recording("report", str(run), "--json")[1])["runs"]
         assert [(each["title"], each["result"]) for each in runs] == [
             ("run, run.mcap", "success"),
-            ("run, run.2.mcap", "timeout"),
+            ("run, run.2.mcap", "not known"),
         ]
 
 
