@@ -112,6 +112,10 @@ def test_commands_reach_a_team_whose_first_robot_is_frozen_and_ids_are_of_one_jo
     assert team.mrbt("job", "priority", "one", "7").strip() == "one: open"
     (row,) = json.loads(team.mrbt("jobs", "--json"))
     assert (row["state"], row["priority"]) == ("waiting", 7)
+    noted = (team.run_dir / "commands.jsonl").read_text().splitlines()
+    said = [(each["by"], each["command"]) for each in map(json.loads, noted)]
+    words = ("hold one", "release one", "priority one 7")
+    assert [each for each in said if each[0] == "mrbt job"] == [("mrbt job", w) for w in words]
 
 
 def test_a_team_that_is_killed_as_a_whole_goes_on_with_its_jobs(team: Team) -> None:
