@@ -32,11 +32,11 @@ from mrbt_mesh.core.scheduling.search import search, search_steps
 # a second is enough for the first of these numbers, some 8 ms for the second. Up to the third one,
 # a problem is so small that a quick search is worthwhile. Where tasks have an order, schedules have
 # to be mended, which takes so much longer per this many robots.
-MOST_WORK, QUICK_WORK, LITTLE_WORK = 1_200_000, 30_000, 4_000
-ROBOTS_MENDED = 3
+MOST_WORK, QUICK_WORK, LITTLE_WORK, ROBOTS_MENDED = 1_200_000, 30_000, 4_000, 3
 # Few tasks have few orders: more evaluations than this per pair of tasks, or than the last of these
-# numbers if that is more, find nothing new.
-MIN_EVALUATIONS, EVALUATIONS_PER_PAIR, ENOUGH_EVALUATIONS = 50, 25, 400
+# numbers if that is more, find nothing new. Whether tasks have an order, so that few are allowed ->
+# evaluations per pair.
+MIN_EVALUATIONS, ENOUGH_EVALUATIONS, EVALUATIONS_PER_PAIR = 50, 400, {False: 25, True: 8}
 # While there are deadlines ahead, the time is written again after this long.
 TIME_US = 5_000_000
 # After a robot has joined, nobody begins anything for this long: others may be joining, and the
@@ -47,7 +47,8 @@ SETTLE_US = 50_000
 def evaluations_of(problem: SchedulingProblem) -> int:
     """The number of orders that a robot evaluates."""
     in_time = max(MOST_WORK // _work_of(problem), MIN_EVALUATIONS)
-    return min(in_time, max(ENOUGH_EVALUATIONS, EVALUATIONS_PER_PAIR * len(problem.tasks) ** 2))
+    pairs = len(problem.tasks) ** 2
+    return min(in_time, max(ENOUGH_EVALUATIONS, EVALUATIONS_PER_PAIR[problem.has_order] * pairs))
 
 
 def _work_of(problem: SchedulingProblem) -> int:
