@@ -123,15 +123,15 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     info, mission = run_dir.info(), load_mission(run_dir.mission_path)
     timing = timing_of(info.options.beat_s, info.options.detection_s, mission)
     observer = Observer(mission, info.run, timing, default_solver, chosen_engine())
-    # A run without a result ended with the last sign of life.
-    last_ns = max(run_dir.alive_mark_ns(robot) for robot in run_dir.robots())
-    ended_us = boottime_us() - max(0, time.time_ns() - last_ns) // 1_000
+    # A run without a result ended with the last record; without recordings nobody knows when.
     recorded_us = tell_past(observer, run_dir.path, info.started_unix_s, ())
-    ended_us = max(ended_us, recorded_us or 0)
+    ended_us = boottime_us() if recorded_us is None else recorded_us
     team = Team(run_dir, info, mission)
     result = team.result(observer, ended_us)
     team.note_unseen_deaths(observer, ended_us)
     summary = run_summary(observer, result, ended_us)
+    if observer.record.ended_us is None and recorded_us is None:
+        summary["duration_s"] = None
     if observer.record.result is None:
         summary["ended_because"] = "no robot is left"
         died = {fault.robot for fault in observer.record.major if fault.until_us is None}

@@ -31,7 +31,7 @@ BRIEF_US = 100_000
 class MajorFault:
     """A robot's death: its claim, and its times as `DeathTimes` has them.
 
-    `is_older`: it happened before the run was watched, so its times are not known.
+    `is_older`: it happened before the run was watched, or unseen, so its times are not known.
     """
 
     robot: str

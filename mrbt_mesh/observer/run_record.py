@@ -201,9 +201,9 @@ class RunRecord:
         for fault in self._faults_of(robot, incarnation)[-1:]:
             self._settle(fault)
 
-    def died_unseen(self, robot: str, at_us: int) -> None:
+    def died_unseen(self, robot: str, now_us: int, at_us: int | None) -> None:
         """The robot's process has ended, and nobody was there to notice; the last sign of life that
-        it gave was then.
+        it gave was at `at_us`, if that is known.
         """
         known = self.robots.get(robot, {})
         incarnation = known.get("incarnation", known.get("described_by"))
@@ -211,7 +211,8 @@ class RunRecord:
             return
         known["incarnation"] = incarnation
         if self._open_fault(robot, incarnation) is None:
-            self._died(robot, incarnation, at_us)
+            fault = self._died(robot, incarnation, now_us if at_us is None else min(at_us, now_us))
+            fault.is_older = at_us is None and not fault.exact
 
     def declared_dead(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A robot of the team has declared another one dead."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from mrbt_mesh.core.facts.records import JobState, TeamOrder
 from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
+from mrbt_mesh.observer.episodes import MajorFault
 from mrbt_mesh.observer.job_history import OPEN, JobTotals, Times
 from mrbt_mesh.observer.job_rows import why_over
 from mrbt_mesh.observer.newest import Newest
@@ -19,6 +20,7 @@ ABORTED = "an operator has aborted it"
 def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
     """The summary of the run as plain data; `result` is the observer's word for it.
 
+    `faults`: `at_s` is null where nobody saw when a robot died, and nothing recorded it.
     `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never. `exact`: from
     the end of the robot's process, not from its last sign of life. `older`: how many more rounds,
     failures and rows of features there were than are listed, if any; the recording has them.
@@ -34,7 +36,7 @@ def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
     older = {name: each.dropped for name, each in lists.items() if each.dropped}
     seconds = record.seconds
     faults: list[dict[str, Any]] = [
-        {"kind": "major", "robot": fault.robot} | _during(record, fault.at_us, fault.until_us)
+        {"kind": "major", "robot": fault.robot} | _during(record, _died_us(fault), fault.until_us)
         for fault in record.major
     ]
     faults += [
@@ -93,7 +95,7 @@ def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
         "takeovers": [
             {
                 "robot": fault.robot,
-                "at_s": seconds(fault.at_us),
+                "at_s": seconds(_died_us(fault)),
                 "detected_s": _seconds(fault.detected_after_us),
                 "reassigned_s": _seconds(fault.reassigned_after_us),
                 "exact": fault.exact,
@@ -105,7 +107,11 @@ def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
     }
 
 
-def _during(record: RunRecord, from_us: int, to_us: int | None) -> dict[str, Any]:
+def _died_us(fault: MajorFault) -> int | None:
+    return None if fault.is_older else fault.at_us
+
+
+def _during(record: RunRecord, from_us: int | None, to_us: int | None) -> dict[str, Any]:
     return {"at_s": record.seconds(from_us), "until_s": record.seconds(to_us)}
 
 

@@ -52,6 +52,27 @@ def tell_past(
 
 
 @dataclass(frozen=True)
+class LastRecord:
+    """The last record of a robot: its time on this machine's clock.
+
+    `is_end`: the robot has ended its recording itself.
+    """
+
+    at_us: int
+    is_end: bool
+
+
+def last_records(observer: Observer, run_dir: Path) -> dict[str, LastRecord]:
+    """Return the last record of each robot that has recorded this run."""
+    told, _ = _recordings(observer, run_dir, ())
+    found: dict[str, LastRecord] = {}
+    for each in sorted(told, key=lambda each: each.end_us):
+        is_end = each.recording.cut_off_at is None
+        found[each.recording.metadata.robot] = LastRecord(each.end_us, is_end)
+    return {robot: last for robot, last in found.items() if robot}
+
+
+@dataclass(frozen=True)
 class _Told:
     """One recording of the run, complete until `until_us`."""
 

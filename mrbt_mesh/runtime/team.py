@@ -37,6 +37,7 @@ from mrbt_mesh.runtime.launcher import (
 )
 from mrbt_mesh.runtime.logged_deaths import LoggedDeaths
 from mrbt_mesh.runtime.noted_problems import take_noted_problems
+from mrbt_mesh.runtime.past import last_records
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
@@ -57,7 +58,7 @@ EXITS_LOOK_S = 0.5
 STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
 MAX_PORT = 65_535
-# A living robot is marked alive at least this often.
+# A living robot that has keys signs its recording at least this often.
 MARK_S = 3.0
 # A robot's exit status if its mission has failed, and if it refuses its input.
 FAILED, REFUSED = 1, 2
@@ -274,18 +275,22 @@ class Team:
         return observer.result(lives)
 
     def note_unseen_deaths(self, observer: Observer, now_us: int) -> None:
-        """Record deaths known only from the run's files, once no robot is left.
+        """Record deaths known only from the robots' recordings, once no robot is left.
 
-        Robots that were still there when an operator ended the team have left, not died.
+        Robots that were still there when an operator ended the team have left, not died. What
+        nothing has recorded is not known: files' times of modification change when they are copied.
         """
         if observer.record.result is not None or self.living():
             return
-        end, unix_ns = last_end(self.run_dir), time.time_ns()
+        end, recorded = last_end(self.run_dir), last_records(observer, self.run_dir.path)
+        ago_us = boottime_us() - round(time.time() * 1e6)
         for robot in self.run_dir.robots():
-            mark_ns = self.run_dir.alive_mark_ns(robot)
-            if end is None or mark_ns / 1e9 < end.unix_s - MARK_S:
-                at_us = min(now_us, boottime_us() - max(0, unix_ns - mark_ns) // 1_000)
-                observer.record.died_unseen(robot, at_us)
+            last = recorded.get(robot)
+            if end is not None:
+                since_us = round((end.unix_s - MARK_S) * 1e6) + ago_us
+                if last is None or last.is_end or last.at_us >= since_us:
+                    continue
+            observer.record.died_unseen(robot, now_us, None if last is None else last.at_us)
 
     def refusals(self) -> list[str]:
         """Return the output of robots that were started here and refused their input."""

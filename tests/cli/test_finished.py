@@ -16,6 +16,8 @@ from mrbt_mesh.cli.options import chosen_robots
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.recording.folder import observer_file, robot_files
+from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
@@ -119,28 +121,38 @@ def test_a_run_ends_no_earlier_than_what_was_recorded_of_it(run_dir: RunDir) -> 
     assert found["duration_s"] == pytest.approx(2.5, abs=1)
 
 
-@pytest.mark.parametrize(
-    ("is_ended", "mark_ago_s", "state"),
-    [(False, 1.0, "dead"), (True, 1.0, "left"), (True, 60.0, "dead")],
-)
+@pytest.mark.parametrize(("down_after_s", "state"), [(None, "dead"), (1.0, "left"), (60.0, "dead")])
 def test_deaths_that_nobody_saw_are_faults_too(
-    run_dir: RunDir, is_ended: bool, mark_ago_s: float, state: str
+    run_dir: RunDir, down_after_s: float | None, state: str
 ) -> None:
     """As robots have no time to tell of when all are killed; but the end of the team is none."""
-    record_example(run_dir.path, "explore", 1, timeout_us=3_000_000)
-    now_s = time.time()
-    for robot in load_mission(run_dir.mission_path).robots:
-        os.utime(begin(run_dir, robot), (now_s, now_s - mark_ago_s))
-    if is_ended:
-        note_command(run_dir, "mrbt down", "ended by anna")
+    record_example(run_dir.path, "explore", 1, [(2_000_000, Kill("R1")), (2_000_000, Kill("R2"))])
+    observer_file(run_dir.path).unlink()
+    ends = {}
+    for path in robot_files(run_dir.path):
+        recording = read_recording(path)
+        end_us = recording.metadata.epoch_ns // 1_000 + recording.records[-1].at_us
+        ends[recording.metadata.robot] = end_us / 1e6
+        # Whoever copies a run directory changes its files' times.
+        os.utime(begin(run_dir, recording.metadata.robot), (1.0, 1.0))
+    if down_after_s is not None:
+        note_command(run_dir, "mrbt down", "ended by anna", max(ends.values()) + down_after_s)
     found = summary_of_finished(run_dir)
     assert found is not None
-    robots = found["robots"]
-    assert robots
-    assert {row["state"] for row in robots.values()} == {state}
-    died = [fault["robot"] for fault in found["faults"] if fault["kind"] == "major"]
-    assert sorted(died) == (sorted(robots) if state == "dead" else [])
-    assert found["result"] == ("ended" if is_ended else "blocked")
+    assert {robot: row["state"] for robot, row in found["robots"].items()} == dict.fromkeys(
+        ends, state
+    )
+    died = {each["robot"]: each["at_s"] for each in found["faults"] if each["kind"] == "major"}
+    assert sorted(died) == (sorted(ends) if state == "dead" else [])
+    assert all(at_s == pytest.approx(2, abs=0.6) for at_s in died.values()), died
+    assert found["result"] == ("blocked" if down_after_s is None else "ended")
+
+
+def test_when_what_was_not_recorded_has_ended_is_not_known(run_dir: RunDir) -> None:
+    begin(run_dir, "R1")
+    found = summary_of_finished(run_dir)
+    assert found is not None
+    assert found["duration_s"] is None
 
 
 def sign(run_dir: RunDir) -> Path:

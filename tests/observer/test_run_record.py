@@ -61,6 +61,16 @@ def test_the_earliest_end_of_a_process_is_the_time_of_death(
     assert fault.at_us == 2 * S
 
 
+@pytest.mark.parametrize(("at_us", "is_older"), [(2 * S, False), (9 * S, False), (None, True)])
+def test_when_a_robot_died_unseen_is_known_from_its_last_record_alone(
+    record: RunRecord, at_us: int | None, is_older: bool
+) -> None:
+    record.robot_seen("A", FIRST, 0)
+    record.died_unseen("A", 5 * S, at_us)
+    (fault,) = record.major
+    assert (fault.at_us, fault.is_older) == (min(at_us or 5 * S, 5 * S), is_older)
+
+
 def test_the_end_of_a_life_says_nothing_of_the_next_one(record: RunRecord) -> None:
     record.robot_seen("A", FIRST, 0)
     record.state("A", State.LEFT, S, S)

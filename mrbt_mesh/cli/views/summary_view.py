@@ -67,7 +67,7 @@ def render_summary(summary: Mapping[str, Any]) -> Printable:
         parts += [*([Styled()] if listed.row_count or idle else []), _jobs(summary["jobs"])]
     if summary.get("bids"):
         parts += [Styled(), _bids(summary["bids"], older.get("bids", 0))]
-    story = sorted(_story(summary), key=lambda item: item[0])
+    story = sorted(_story(summary), key=lambda item: item[0] or 0.0)
     if story:
         events = table("at", "what happened", right=(0,))
         for at_s, line in story:
@@ -161,7 +161,7 @@ def _bids(biddings: Sequence[Mapping[str, Any]], older: int) -> Printable:
     return Stack(rows, Styled(f"and bids for {_count(more, 'other')}", "dim"))
 
 
-def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Styled]]:
+def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float | None, Styled]]:
     """Yield (seconds, text) of faults, failures, problems and blocked episodes."""
     takeovers = {(t["robot"], t.get("at_s")): t for t in summary.get("takeovers", ())}
     for fault in summary.get("faults", ()):
@@ -174,7 +174,7 @@ def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Styled]]:
             line, end = Styled.assemble(robot, (" died", "red"), takeover), "was back"
         if fault.get("until_s") is not None:
             line.append(f"; {end} at {_seconds(fault['until_s'])}", "green")
-        yield at_s or 0.0, line
+        yield at_s, line
     failures = summary.get("failures", ())
     for failure in failures[:MOST_FAILURES]:
         yield failure.get("at_s") or 0.0, failure_line(failure)

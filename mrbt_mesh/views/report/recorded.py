@@ -235,7 +235,7 @@ def _add_unseen(record: RunRecord, told: RunReport, now_us: int, is_continued: b
     for fault in told.deaths:
         at_s = fault.at_s - max(0.0, later_s)
         if fault.until_s is None and at_s >= 0:
-            record.died_unseen(fault.robot, record.started_us + round(at_s * 1e6))
+            record.died_unseen(fault.robot, now_us, record.started_us + round(at_s * 1e6))
 
 
 def _use(
