@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from io import SEEK_END, BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, overload
+from typing import Any, BinaryIO, Self, overload
 
 import fastjsonschema
 
@@ -127,17 +127,17 @@ class RecordedMessages(Sequence[RecordedMessage]):
             weakref.finalize(self, file.close)
 
     @classmethod
-    def joined(cls, parts: Sequence[tuple[RecordedMessages, int]]) -> RecordedMessages:
-        """Join the messages of several files in order, each from an index on."""
+    def joined(cls, parts: Sequence[tuple[RecordedMessages, int]], end: int | None = None) -> Self:
+        """Join the messages of several files in order, each from an index on, before `end`."""
         found = cls()
         found._owners = [each for each, _ in parts]
         for each, begin in parts:
-            found._files[len(found)] = each._files[0]
-            found._numbers += each._numbers[begin:]
-            found._lengths += each._lengths[begin:]
-            found._places += each._places[begin:]
-            found.times_us += each.times_us[begin:]
-            found.topics += each.topics[begin:]
+            found._files |= {len(found) + at: file for at, file in each._files.items()}
+            found._numbers += each._numbers[begin:end]
+            found._lengths += each._lengths[begin:end]
+            found._places += each._places[begin:end]
+            found.times_us += each.times_us[begin:end]
+            found.topics += each.topics[begin:end]
         return found
 
     def add(self, number: int, topic: str, at_us: int, place: int, length: int) -> None:

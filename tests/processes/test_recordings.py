@@ -126,6 +126,26 @@ def test_the_end_of_a_run_is_proved_by_who_has_seen_it(team: Team, who: str) -> 
     assert "no end: ended abruptly (nobody wrote it any more when summary.json was written)" in ends
 
 
+def test_of_a_running_team_what_is_signed_so_far_is_proved(team: Team) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
+    recorded = [observer_file(team.run_dir), *robot_files(team.run_dir)]
+    run = RunDir(team.run_dir).info().run
+    team.wait_until(lambda: all(n.number > 1 for n in named(recorded, run)), "all is recorded")
+    told = json.loads(team.command("recording", "verify", str(team.run_dir), "--json").stdout)
+    assert told["running"]
+    assert [gap for gap in told["not_proved"] if gap["kind"] == "end"] == []
+    assert told["findings"] == []
+    assert {each["end"] for each in told["proved"]} == {"it is still written"}
+    printed = team.command("recording", "verify", str(team.run_dir)).stdout
+    assert printed.startswith("the team runs: ")
+    team.release()
+    team.end()
+    told = json.loads(team.mrbt("recording", "verify", str(team.run_dir), "--json"))
+    assert not told["running"]
+
+
 def test_with_a_refused_key_no_command_is_carried_out(team: Team) -> None:
     team.hold("explore")
     team.up(EXPLORE)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.earlier import until
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.reader import EmptyRecordingError, Recording, read_recordings
-from mrbt_mesh.runtime.known_runs import look_up_run
-from mrbt_mesh.runtime.run_dir import KEYS_FOLDER
+from mrbt_mesh.runtime.known_runs import is_running, look_up_run
+from mrbt_mesh.runtime.run_dir import KEYS_FOLDER, RUN_FILE, RunDir
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.member_keys import Manifest
@@ -76,9 +78,19 @@ def verified(paths: Sequence[Path], keys: Path | None = None) -> Verification:
     from mrbt_mesh.views.replay.check_files import read_run_dir_files
     from mrbt_mesh.views.replay.verify import verify
 
+    # Files are read one after the other, and of a running team they grow meanwhile: what each had
+    # at this time fits what the others had.
+    now_us = time.time_ns() // 1_000
     found = chosen(paths)
-    files = read_run_dir_files(found.run_dir) if found.run_dir is not None else None
-    return verify(found.recordings, manifest_of(keys or found.keys), files, found.empty)
+    recordings, manifest = found.recordings, manifest_of(keys or found.keys)
+    if found.run_dir is None:
+        return verify(recordings, manifest, None, found.empty)
+    files = read_run_dir_files(found.run_dir)
+    if (found.run_dir / RUN_FILE).is_file() and is_running(RunDir(found.run_dir)):
+        files = replace(files, is_running=True)
+        begun = tuple(each for each in (until(r, now_us) for r in recordings) if each.records)
+        recordings = begun or recordings
+    return verify(recordings, manifest, files, found.empty)
 
 
 def manifest_of(folder: Path | None) -> Manifest | None:

@@ -34,6 +34,11 @@ def render_verdict(verdict: Verification, accepted: Collection[str]) -> Printabl
         if name in verdict.counts:
             counts.add_row(str(verdict.counts[name]), text)
     parts: list[Printable] = [_basis(verdict), counts]
+    if verdict.is_running:
+        text = (
+            "the team runs: this is of what it has recorded until now, and its end is not here yet"
+        )
+        parts.insert(0, Styled(text, "bold yellow"))
     for each in verdict.takeovers:
         text = f"{each.at_us / 1e6:.3f} s: {each.robot} took over {each.local_task} of {each.of}"
         parts.append(_line(f"{text}: {each.cause}"))

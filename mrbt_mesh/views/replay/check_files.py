@@ -58,14 +58,14 @@ class RunDirFiles:
     """The files of a run besides its recordings; None, or empty: there is none.
 
     `missions`: the texts of mission.json and revision.json by name. `others`: the names of files
-    that nothing signs. `path`: the run directory.
+    that nothing signs. `is_running`: the team is at work, so its end is not signed yet.
     """
 
     summary: SummaryFile | None = None
     commands: bytes | None = None
     missions: Mapping[str, str] = field(default_factory=dict)
     others: tuple[str, ...] = ()
-    path: Path | None = None
+    is_running: bool = False
 
 
 def read_run_dir_files(run_dir: Path) -> RunDirFiles:
@@ -83,7 +83,6 @@ def read_run_dir_files(run_dir: Path) -> RunDirFiles:
             read_commands(run_dir / COMMANDS_FILE),
             {path.name: _text(path) for path in missions if path.is_file()},
             tuple(sorted(_others(run_dir, known))),
-            run_dir,
         )
     except OSError as error:
         file = error.filename or run_dir

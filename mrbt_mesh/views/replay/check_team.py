@@ -12,6 +12,7 @@ from mrbt_mesh.recording.folder import (
     FOLDER,
     OBSERVERS,
     first_part,
+    is_finished,
     name_of_owner,
     number_of_part,
 )
@@ -44,12 +45,14 @@ class TeamCheck:
 
     `finished`: which files say of which recordings that nobody wrote them any more. `is_run_dir`:
     they are those of a run directory, where one of them must say so of each without a signed end.
+    `is_running`: the team is at work, so recordings that are still written have no end.
     """
 
     checks: Sequence[RecordingCheck]
     manifest: Manifest | None
     finished: Sequence[tuple[str, NamedRecording]] = ()
     is_run_dir: bool = False
+    is_running: bool = False
     proved: list[ProvedRecording] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     findings: list[RecordingFinding] = field(default_factory=list)
@@ -162,8 +165,7 @@ class TeamCheck:
         is_ended = recording.cut_off_at is None
         if self.manifest is not None:
             is_ended = last is not None and last.is_end
-        end = "its end" if is_ended else self._explained_end(recording, last)
-        end = _with_torn(end, recording)
+        end = "its end" if is_ended else self._missing_end(recording, last)
         if self.manifest is None:
             return
         if last is None:
@@ -202,6 +204,12 @@ class TeamCheck:
             was_signed(self.manifest, each.by, each.content, each.signature, role) for role in roles
         )
 
+    def _missing_end(self, recording: Recording, last: Signature | None) -> str:
+        files = recording.parts or (recording,)
+        if self.is_running and not is_finished(files[-1].path):
+            return "it is still written"
+        return _with_torn(self._explained_end(recording, last), recording)
+
     def _explained_end(self, recording: Recording, last: Signature | None) -> str:
         """Return why a recording has no end, from the other recordings.
 
@@ -230,7 +238,7 @@ class TeamCheck:
 
     def _open_end(self, recording: Recording, last: Signature | None) -> None:
         """Add a gap if nothing that was signed at the run's end says how far a recording goes."""
-        if self.is_run_dir and not finished_by(recording, self.finished):
+        if self.is_run_dir and not self.is_running and not finished_by(recording, self.finished):
             text = f"signed until {_seconds(recording, last.until_us)} s" if last else "not signed"
             text += f", and no {SUMMARY_FILE} that was signed at the run's end says how far it goes"
             self._gap(GapKind.END, recording.name, text, _ACCEPT_END)

@@ -100,7 +100,7 @@ class Verification:
     Counts of checks by kind, what is proved and what is not, contradictions, takeovers. `team_key`:
     the key behind all signatures, empty without one. `notes`: what was left out and why;
     `no_evidence`: files of the run that nothing proves. `commands`: the noted commands of
-    operators.
+    operators. `is_running`: the team was at work, and this is of what it had recorded by then.
     """
 
     files: tuple[str, ...]
@@ -113,6 +113,7 @@ class Verification:
     notes: tuple[str, ...] = ()
     no_evidence: tuple[str, ...] = ()
     commands: tuple[NotedCommand, ...] = ()
+    is_running: bool = False
 
     @property
     def is_proved(self) -> bool:
@@ -126,6 +127,7 @@ class Verification:
     def to_json(self) -> dict[str, Any]:
         """Return plain data; times in microseconds."""
         return {
+            "running": self.is_running,
             "all_proved": self.is_proved,
             "files": list(self.files),
             "team_key": self.team_key,

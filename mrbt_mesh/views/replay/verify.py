@@ -71,7 +71,9 @@ def verify(
         check.add(fact, f"{fact.author}'s {fact.name} is written before the time for it")
     summary = _covered(files, recordings, manifest)
     finished = _finished(recordings, summary)
-    team = TeamCheck(checks, manifest, finished, files is not None and manifest is not None)
+    is_running = files is not None and files.is_running
+    is_run_dir = files is not None and manifest is not None
+    team = TeamCheck(checks, manifest, finished, is_run_dir, is_running)
     team.run()
     notes = [*notes, *team.notes]
     findings = [*team.findings, *(each for check in checks for each in check.findings)]
@@ -84,7 +86,7 @@ def verify(
         team.gaps += checked.gaps
         notes += checked.notes
         commands = checked.commands
-        if files.summary is None:
+        if files.summary is None and not is_running:
             notes = [*notes, NO_SUMMARY]
         elif summary is not None and summary.afterwards_unix_s is not None:
             notes = [*notes, _afterwards(summary.afterwards_unix_s)]
@@ -105,6 +107,7 @@ def verify(
         (*notes, *(f"{each.name}: {each.begins_late}" for each in recordings if each.begins_late)),
         files.others if files is not None else (),
         tuple(commands),
+        is_running,
     )
 
 
