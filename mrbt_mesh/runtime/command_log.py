@@ -13,7 +13,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,9 +144,12 @@ def heads(content: bytes | None) -> list[str]:
 
 def noted_commands(content: bytes, run: str, manifest: Manifest | None) -> Iterator[NotedCommand]:
     """Yield the lines of the file; `manifest` checks their signatures."""
-    before = b""
-    for number, line in enumerate(_lines(content), start=1):
-        yield _noted(number, line, before, run, manifest)
+    before, lines = b"", _lines(content)
+    for number, line in enumerate(lines, start=1):
+        noted = _noted(number, line, before, run, manifest)
+        if number == len(lines) and not content.endswith(b"\n") and not noted.problem:
+            noted = replace(noted, signer="", problem="lacks its newline")
+        yield noted
         before = line
 
 

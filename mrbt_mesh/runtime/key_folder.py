@@ -70,9 +70,8 @@ class KeyFolder:
         found = cls(path)
         check_folder(path, "the folder of keys")
         if found.manifest_path.exists():
-            raise KeysError(
-                f"{path} holds a team's keys already: see `mrbt keys show {quote(str(path))}`"
-            )
+            how = f"`mrbt keys show --keys {quote(str(path))}`"
+            raise KeysError(f"{path} holds a team's keys already: see {how}")
         try:
             path.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as error:
@@ -153,10 +152,12 @@ class KeyFolder:
         try:
             with open_regular(self.manifest_path) as file:
                 text = file.read().decode()
-        except (OSError, UnicodeDecodeError):
-            raise KeysError(
-                f"{self.path} holds no {MANIFEST_FILE}: make a team's keys with `mrbt keys init`"
-            ) from None
+        except FileNotFoundError:
+            what = f"{self.path} holds no {MANIFEST_FILE}: name a folder that"
+            raise KeysError(f"{what} `mrbt keys init` has made") from None
+        except (OSError, UnicodeDecodeError) as error:
+            how = getattr(error, "strerror", "it is no text: copy it again")
+            raise KeysError(f"{self.manifest_path} cannot be read: {how}") from None
         try:
             return parse_manifest(text, authority)
         except ManifestError as error:

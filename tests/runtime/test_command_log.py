@@ -57,6 +57,10 @@ def test_what_was_noted_is_proved(run_dir: RunDir) -> None:
     assert len(heads(content)) == 4
 
 
+def test_the_last_newline_belongs_to_its_line(run_dir: RunDir) -> None:
+    assert problems(run_dir, content_of(run_dir)[:-1]) == ["", "", "lacks its newline"]
+
+
 def test_every_change_of_a_line_is_named(run_dir: RunDir) -> None:
     content = content_of(run_dir)
     first, second, third = content.splitlines(keepends=True)

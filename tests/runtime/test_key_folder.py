@@ -100,7 +100,7 @@ def test_a_key_that_is_not_the_manifests_is_refused(folder: KeyFolder, tmp_path:
 
 
 def test_what_is_missing_is_named(tmp_path: Path, folder: KeyFolder) -> None:
-    with pytest.raises(InputError, match=r"holds no manifest\.json: make a team's keys"):
+    with pytest.raises(InputError, match=r"holds no manifest\.json: name a folder that"):
         KeyFolder(tmp_path).manifest()
     with pytest.raises(InputError, match=r"Z\.key cannot be read"):
         folder.keys_of("Z")
@@ -133,7 +133,7 @@ def test_a_key_from_before_there_were_certificates_says_what_to_do(folder: KeyFo
 @pytest.mark.timeout(20)
 def test_a_manifest_that_is_a_pipe_is_refused_and_nobody_is_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "manifest.json")
-    with pytest.raises(KeysError, match=r"holds no manifest\.json"):
+    with pytest.raises(KeysError, match=r"manifest\.json cannot be read: it is not a regular"):
         KeyFolder(tmp_path).manifest()
 
 
@@ -163,3 +163,14 @@ def test_a_key_of_a_mounted_secret_may_be_readable_but_not_writable(folder: KeyF
     path.chmod(0o660)
     with pytest.raises(KeysError, match="can be written by other users"):
         folder.keys_of("A")
+
+
+def test_a_manifest_that_is_no_text_is_named(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_bytes(b"\xff")
+    with pytest.raises(KeysError, match=r"manifest\.json cannot be read: it is no text"):
+        KeyFolder(tmp_path).manifest()
+
+
+def test_what_is_said_of_keys_that_are_there_can_be_run(folder: KeyFolder) -> None:
+    with pytest.raises(InputError, match="`mrbt keys show --keys "):
+        KeyFolder.create(folder.path, {})

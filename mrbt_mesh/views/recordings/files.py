@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,8 @@ from mrbt_mesh.runtime.run_dir import KEYS_FOLDER, RUN_FILE, RunDir
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.member_keys import Manifest
     from mrbt_mesh.views.replay.findings import Verification
+
+_ONCE = "so that each recording is there once"
 
 
 @dataclass(frozen=True)
@@ -49,11 +52,19 @@ def chosen(paths: Sequence[Path]) -> ChosenRecordings:
             raise InputError(f"{path} holds no recordings: was its run started with --no-record?")
         files += first_parts(found)
         run_dir = run_dir or path
-    taken: set[Path] = set()
+    taken: dict[Path, Path] = {}
     for file in files:
-        if file.resolve() in taken:
+        try:
+            real = (
+                Path(os.path.realpath(file, strict=True)) if file.is_symlink() else file.resolve()
+            )
+        except OSError as error:
+            raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
+        if (first := taken.get(real)) is not None:
+            if file.is_symlink() and run_dir is not None and len(paths) < 2:
+                raise InputError(f"{file} is a link to {first}: remove it, {_ONCE}")
             raise InputError(f"{file} is given twice: name each recording once")
-        taken.add(file.resolve())
+        taken[real] = file
     recordings: list[Recording] = []
     empty: list[EmptyRecordingError] = []
     for file in files:

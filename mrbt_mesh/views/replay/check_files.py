@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mrbt_mesh.core.mission.compiled import mission_from_compiled
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import FOLDER, SUFFIX, observer_files
 from mrbt_mesh.recording.reader import Recording
@@ -39,6 +40,10 @@ _CHECKED = {
     *(FOLDER, KEYS_FOLDER, COMMANDS_FILE, MISSION_FILE, REVISION_FILE),
     *(SUMMARY_FILE, SIGNATURE_FILE),
 }
+
+NO_REVISION = (
+    f"{REVISION_FILE} is missing: the revision in force was checked as the recordings have it"
+)
 
 
 @dataclass
@@ -106,8 +111,12 @@ def check_files(
     recordings: Sequence[Recording],
     manifest: Manifest | None,
     missions: Collection[str],
+    revision: int,
 ) -> CheckedFiles:
-    """Check the files of a run; `missions`: the digests of the missions that were in force."""
+    """Check the files of a run.
+
+    `missions`: the digests of the missions that were in force. `revision`: the number of the last.
+    """
     found = CheckedFiles()
     if files.summary is not None:
         found.findings, found.gaps = check_summary(files.summary, recordings, manifest)
@@ -115,9 +124,20 @@ def check_files(
     elif manifest is not None:
         found.gaps += missing_summary(recordings)
     run, team_digest = recordings[0].metadata.run, recordings[0].metadata.team_digest
+    numbers: dict[str, int] = {}
     for name, text in files.missions.items():
-        problems = _mission(name, text, team_digest, missions)
+        try:
+            mission = mission_from_compiled(text, name)
+        except InputError:
+            found.findings.append(_finding(name, "it is not a compiled mission"))
+            continue
+        numbers[name] = mission.revision_number
+        problems = _mission(mission, text, team_digest, missions)
         found.findings += [_finding(name, each) for each in problems]
+    found.findings += [_finding(REVISION_FILE, each) for each in _order(numbers)]
+    begun = numbers.get(MISSION_FILE)
+    if begun is not None and begun < revision and REVISION_FILE not in files.missions:
+        found.notes.append(NO_REVISION)
     found.commands += noted_commands(files.commands or b"", run, manifest)
     found.findings += [
         _finding(COMMANDS_FILE, f"line {each.number} {each.problem}")
@@ -134,16 +154,21 @@ def _finding(name: str, text: str) -> RecordingFinding:
     return RecordingFinding(name, 0, 0, text)
 
 
-def _mission(name: str, text: str, team_digest: str, missions: Collection[str]) -> Iterator[str]:
-    try:
-        mission = mission_from_compiled(text, name)
-    except InputError:
-        yield "it is not a compiled mission"
-        return
+def _mission(
+    mission: Mission, text: str, team_digest: str, missions: Collection[str]
+) -> Iterator[str]:
     if mission.team_digest != team_digest:
         yield "it is not the mission with which the recorded team was started"
     elif mission.digest not in missions:
         yield "it is not a revision of the mission that was in force in the recordings"
+    elif compile_mission(mission) != text:
+        yield "it is not as mrbt writes it"
+
+
+def _order(numbers: Mapping[str, int]) -> Iterator[str]:
+    """Check that the revision is a later one than the mission with which the run began."""
+    if len(numbers) > 1 and numbers[REVISION_FILE] <= numbers[MISSION_FILE]:
+        yield f"it is not a later revision than {MISSION_FILE}"
 
 
 def _end_of_commands(files: RunDirFiles, run: str) -> Iterator[str]:

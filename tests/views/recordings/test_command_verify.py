@@ -78,6 +78,21 @@ def test_a_recording_counts_once(folder: Path, tmp_path: Path) -> None:
         assert "is given twice: name each recording once" in problems
 
 
+def test_a_link_to_another_recording_of_the_run_is_named(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "run")
+    link = tmp_path / "run" / "recordings" / "R9.mcap"
+    link.symlink_to("R1.mcap")
+    problems = " ".join(refused(recording("verify", str(tmp_path / "run"))).split())
+    assert "R9.mcap is a link to" in problems
+    assert "given twice" not in problems
+
+
+def test_a_link_to_itself_ends_with_status_2(tmp_path: Path) -> None:
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    assert "cannot be read" in refused(recording("verify", str(loop)))
+
+
 def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -> None:
     for path, problem in ((EXPLORE, "is not an mrbt recording"), (str(tmp_path), "no recordings")):
         assert problem in refused(recording("verify", path))

@@ -76,6 +76,13 @@ def test_another_mission_is_named(run: Run) -> None:
     assert "it is not a compiled mission" in text
 
 
+def test_another_text_of_the_same_mission_is_named(run: Run) -> None:
+    files = files_of(run, None, None)
+    again = json.dumps(json.loads(files.missions["mission.json"]), indent=2) + "\n"
+    (text,) = found(run, replace(files, missions={"mission.json": again}))
+    assert text == "mission.json: it is not as mrbt writes it"
+
+
 def test_files_that_nothing_signs_are_named(run: Run, tmp_path: Path) -> None:
     for name in ("deaths.json", "events.jsonl", "commands.jsonl", "run.mcap"):
         (tmp_path / name).touch()

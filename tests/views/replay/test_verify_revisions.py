@@ -14,6 +14,7 @@ from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.recording.metadata import OBSERVER
 from mrbt_mesh.sim import AgentOptions, simulate
 from mrbt_mesh.sim.world.faults import Revise
+from mrbt_mesh.views.replay.check_files import RunDirFiles
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.keys import keys_of
 from tests.support.recorded import read_all
@@ -65,3 +66,23 @@ def test_robots_leave_and_come_back(tmp_path: Path, delay_us: int | None, parts:
     verdict = verify(read_all(tmp_path), keys["eye"].manifest)
     assert not verdict.findings, list(map(str, verdict.findings[:5]))
     assert not verdict.gaps, list(map(str, verdict.gaps[:5]))
+
+
+def test_mission_and_revision_keep_their_names(tmp_path: Path) -> None:
+    began, later = mission(ALL, 3), mission(ALL, 5)
+    schedule = [(1_000_000, Revise("A1", compile_mission(later), True))]
+    result = simulate(began, PROGRAM, seed=3, schedule=schedule, record=tmp_path)
+    assert result.observer.facts.declared.revision_number == 1
+    texts = [compile_mission(each) for each in (began, result.observer.facts.declared)]
+
+    def verified(**missions: str) -> list[str]:
+        files = RunDirFiles(missions={f"{name}.json": text for name, text in missions.items()})
+        verdict = verify(read_all(tmp_path), None, files)
+        notes = [each for each in verdict.notes if "revision.json" in each]
+        return [*map(str, verdict.findings), *notes]
+
+    assert verified(mission=texts[0], revision=texts[1]) == []
+    (text,) = verified(mission=texts[1], revision=texts[0])
+    assert text == "revision.json: it is not a later revision than mission.json"
+    (text,) = verified(mission=texts[0])
+    assert text.startswith("revision.json is missing")
