@@ -36,19 +36,22 @@ def summary_of_finished(run_dir: RunDir, *, is_witness: bool = False) -> dict[st
 
     if is_running(run_dir):
         return None
+    summary = run_dir.summary()
+    if not run_dir.robots() or (summary is not None and not is_witness):
+        return summary
+    # Loads Zenoh, which who only reads a summary need not wait for.
     from mrbt_mesh.runtime.summary_signature import is_closed, summary_keys
 
-    summary = run_dir.summary()
-    if run_dir.robots() and (not is_closed(run_dir) if is_witness else summary is None):
-        summary_keys(run_dir)  # raises if they are refused
-        info = run_dir.info()
-        made = _summary(run_dir)
-        # The run may have been continued meanwhile: then that was not its last end.
-        if run_dir.info() != info or is_running(run_dir):
-            return None
-        _write_summary(run_dir, made, is_witness=is_witness)
-        summary = run_dir.summary()
-    return summary
+    if is_witness and is_closed(run_dir):
+        return summary
+    summary_keys(run_dir)  # raises if they are refused
+    info = run_dir.info()
+    made = _summary(run_dir)
+    # The run may have been continued meanwhile: then that was not its last end.
+    if run_dir.info() != info or is_running(run_dir):
+        return None
+    _write_summary(run_dir, made, is_witness=is_witness)
+    return run_dir.summary()
 
 
 def _write_summary(run_dir: RunDir, summary: dict[str, Any], *, is_witness: bool) -> None:

@@ -21,7 +21,6 @@ from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
     from mrbt_mesh.observer.job_rows import JobRow
-    from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.runtime.team_client import TeamClient
 
 FOLLOW_S = 0.5
@@ -124,7 +123,7 @@ def submit(
         click.echo(json.dumps(asdict(end)) if as_json else _line(end))
         return SUCCESS if end.state == "succeeded" else FAILURE
 
-    _with_client(team.find_running(), act, lambda: interrupted)
+    _with_client(team, act, lambda: interrupted)
 
 
 def _in_utc(times: Mapping[str, str]) -> str:
@@ -161,7 +160,7 @@ def _submit_lines(team: TeamOptions, safe: int | None, as_json: bool) -> NoRetur
             "taken (lines with an id can be given again)"
         )
 
-    _with_client(team.find_running(), act, interrupted)
+    _with_client(team, act, interrupted)
 
 
 @click.command(cls=MrbtCommand)
@@ -201,7 +200,7 @@ def jobs(follow: bool, only_open: bool, team: TeamOptions, as_json: bool) -> Non
             seen = {row.id: row for row in rows}
             await anyio.sleep(FOLLOW_S)
 
-    _with_client(team.find_running(), act)
+    _with_client(team, act)
 
 
 @click.command(cls=MrbtCommand)
@@ -234,18 +233,17 @@ def job(
     if now and change != "hold":
         raise InputError("--now is for `hold`")
 
-    address = team.find_running()
-
     async def act(client: TeamClient) -> int:
         state = await client.change(name, "hold_now" if now else change, number)
-        if address.run_dir is not None:
+        run_dir = team.run_directory()
+        if run_dir is not None:
             given = {"hold": " now" * now, "priority": f" {number}"}.get(change, "")
-            note_command(address.run_dir, "job", f"{change} {name}{given}")
+            note_command(run_dir, "job", f"{change} {name}{given}")
         why = f"; {state['reason']}" if state.get("reason") else ""
         click.echo(json.dumps(state) if as_json else f"{name}: {state['state']}{why}")
         return SUCCESS
 
-    _with_client(address, act)
+    _with_client(team, act)
 
 
 def _wanted(rows: Sequence[JobRow], only_open: bool) -> list[JobRow]:
@@ -273,7 +271,7 @@ def _line(row: JobRow) -> str:
 
 
 def _with_client(
-    address: TeamAddress,
+    team: TeamOptions,
     act: Callable[[TeamClient], Awaitable[int]],
     interrupted: Callable[[], str] | None = None,
 ) -> NoReturn:
@@ -284,6 +282,8 @@ def _with_client(
     import anyio
 
     from mrbt_mesh.runtime.team_client import client_of
+
+    address = team.find_running()
 
     async def attach() -> int:
         async with client_of(address) as client:
