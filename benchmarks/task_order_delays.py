@@ -253,7 +253,7 @@ def _turned(events: Sequence[Mapping[str, Any]], stream: Stream) -> list[str]:
         is_excused = is_taken or known[job].priority > known[gone].priority
         if (
             is_excused
-            or stream.ended.get(gone, math.inf) < at_s
+            or _is_over(known[gone], at_s, stream)
             or _is_near_death(at_s, stream.killed_s)
         ):
             continue
@@ -261,3 +261,9 @@ def _turned(events: Sequence[Mapping[str, Any]], stream: Stream) -> list[str]:
         if len(turns[robot]) > 1:
             found.append(f"{robot} turned round again: {', '.join(turns[robot])}")
     return found
+
+
+def _is_over(job: Handed, at_s: float, stream: Stream) -> bool:
+    """Whether it has ended, or has expired: at its deadline, or as soon as a robot saw that."""
+    expires_s = math.inf if job.deadline_s is None else job.deadline_s
+    return min(stream.ended.get(job.id, math.inf), expires_s) < at_s

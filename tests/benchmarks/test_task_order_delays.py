@@ -69,3 +69,15 @@ def test_a_second_turn_before_the_robot_works_is_named() -> None:
     found = judged(jobs, turns, done(3.0, "R2", "a", "p", 5.0))
     assert "R2 turned round again: a to c at 2.00, c to a at 3.00" in found
     assert not any("again" in each for each in judged(jobs, turns[:3]))
+
+
+def test_a_robot_whose_job_has_expired_has_not_turned_round() -> None:
+    jobs = [job("a", 1, "p"), job("b", 1, "q"), job("c", 1, "r", deadline_s=3.0)]
+    turns = [
+        event(1.1, "R2", "start", "a", "p"),
+        event(2.0, "R2", "cancel", "a"),
+        event(2.0, "R2", "start", "c", "r"),
+        event(3.01, "R2", "cancel", "c"),
+    ]
+    found = judged(jobs, turns, done(3.01, "R2", "a", "p", 5.0))
+    assert not any("again" in each for each in found)
