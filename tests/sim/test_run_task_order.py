@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -293,3 +294,38 @@ def test_a_robot_begins_what_waits_although_something_later_was_meant_for_it(
             first.setdefault(each["robot"], each["t"])
     assert len(first) == 2
     assert max(first.values()) < 2, first
+
+
+def test_a_robot_that_is_nearly_there_is_not_replaced() -> None:
+    """A task arrives near where it set out from, and another robot could take over its own."""
+    text = """
+mission: nearly
+ends: never
+travel:
+  places: {p0: [0, 0], far: [-26, 0], side: [-26, 20], next: [2, 0]}
+  speed: 2
+  start: {R1: p0, R2: side}
+  objective: mean_completion
+local_tasks:
+  work: {parameters: [n, p], work: 2, at: $p}
+  long: {parameters: [n, p], work: 12, at: $p}
+robot_types: {r: {capabilities: {work: 1}}, s: {capabilities: {work: 1, long: 1}}}
+robots: {R1: r, R2: s}
+global_tasks:
+  do: {parameters: [n, p], needs: {"work($n, $p)": {min: 1}}}
+  do_long: {parameters: [n, p], needs: {"long($n, $p)": {min: 1}}}
+jobs:
+  job: {parameters: {n: {min: 1, max: 99}, p: place}, tree: "do($n, $p)"}
+  long: {parameters: {n: {min: 1, max: 99}, p: place}, tree: "do_long($n, $p)"}
+tree: {Jobs: {types: all, at_most: 40}}
+"""
+    places = {"p0": (0.0, 0.0), "far": (-26.0, 0.0), "side": (-26.0, 20.0), "next": (2.0, 0.0)}
+    at, other = submit(3, "first", "1", "side")
+    first = at, replace(other, value=["long", *other.value[1:]])
+    jobs = [first, submit(3.1, "far", "2", "far"), submit(14.5, "next", "3", "next")]
+    events = run(text, program_of(places, {"R1": "p0", "R2": "side"}), jobs, 80, seed=1)
+    done = [
+        (each["robot"], job_of(each["activation"])) for each in events if each["event"] == "end"
+    ]
+    assert ("R1", "far") in done, done
+    assert not any(each["event"] == "cancel" for each in events)

@@ -395,8 +395,8 @@ def latch_text(kind: str, parts: list[str], value: object) -> str:
             return f"attempt {number}"
         case "schedule", [*steps]:
             return f"a schedule of {len(steps)} tasks"
-        case "overtaken", [begun, _, counts]:
-            return f"{begun} begins before {len(counts)} tasks"
+        case "overtaken", [begun, _, left_ms, counts]:
+            return f"{begun} begins before {len(counts)} tasks, {left_ms} ms away"
         case "team_time", int():
             return "what time it is"
         case "travel_times", [places, _]:

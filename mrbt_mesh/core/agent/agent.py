@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.alone import Alone
@@ -33,7 +33,6 @@ from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
-from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.agent.stepping import Stepping
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.robot_tree import RobotTree
@@ -50,6 +49,9 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.planner_need import planner_problem
 from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.agent.scheduler import Scheduler
 
 # Inputs of all other types are always followed by a full step.
 _MAY_CHANGE_NOTHING = (
@@ -111,6 +113,8 @@ class Agent:
         self._executor = executor = Executor(context, self._tree, self._reviser, parts)
         self._reports = reports = Reports(context, executor, schedule, health)
         if self._scheduler is None and mission.travel is not None:
+            from mrbt_mesh.core.agent.scheduler import Scheduler
+
             self._scheduler = Scheduler(context)
         scheduler = executor.scheduler = self._scheduler
         self._lifecycle = Lifecycle(context, planner, duplicates, schedule, parts)
@@ -442,7 +446,7 @@ class Agent:
             *(next_us(now_us) for next_us in self._parts.next_us),
             self._joining_until_us,
             self._plans_at_us,
-            self._scheduler.settles_us if self._scheduler is not None else None,
+            *(self._scheduler.deadlines_us if self._scheduler is not None else ()),
             context.replica.next_unproved_us(context.membership, now_us),
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,

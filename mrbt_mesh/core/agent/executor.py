@@ -7,10 +7,11 @@ what a feature makes it wait for.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.reviser import Reviser
-from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.agent.start_policy import PLAIN_START, Clearance, Situation, StartPolicy
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.robot_tree import RobotTree
@@ -21,6 +22,9 @@ from mrbt_mesh.core.facts.validation import task_of_activation
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.plan import Plan
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.agent.scheduler import Scheduler
 
 
 class Executor:
@@ -148,7 +152,7 @@ class Executor:
             name = f"{records.ARGUMENTS}/{start.activation}"
             begun.append((name, Arguments(values, claim.since)))
         if self.scheduler is not None:
-            begun += self.scheduler.begins(plan, claim, bool(travel_to))
+            begun += self.scheduler.begins(plan, claim, travel_to, now_us)
         context.write([*writes, *begun, *clearance.facts, context.claim()], now_us)
         context.emit(start)
         for started in self._parts.started:

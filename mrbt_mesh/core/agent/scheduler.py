@@ -8,6 +8,7 @@ would otherwise keep each other from their work.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import SearchSchedule
@@ -18,11 +19,14 @@ from mrbt_mesh.core.facts.records import (
     NO_TRAVEL_TIMES,
     Claim,
     Overtaken,
+    Phase,
     Proposal,
     TeamTime,
     TravelTimes,
 )
 from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.core.mission.travel import ways_between
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.problem import SchedulingProblem
@@ -42,6 +46,8 @@ TIME_US = 5_000_000
 # After a robot has joined, nobody begins anything for this long: others may be joining, and the
 # first robot makes a short search.
 SETTLE_US = 50_000
+# A robot on its way says what is left each time that it is half as much, but not below this.
+LEAST_LEFT_US = 1_000_000
 
 
 def evaluations_of(problem: SchedulingProblem) -> int:
@@ -51,10 +57,27 @@ def evaluations_of(problem: SchedulingProblem) -> int:
     return min(in_time, max(ENOUGH_EVALUATIONS, EVALUATIONS_PER_PAIR[problem.has_order] * pairs))
 
 
+def _tells_us(ends_us: int, now_us: int) -> int:
+    """When half of what is left will be left, or never if that is too little."""
+    half_us = (ends_us - now_us) // 2
+    return now_us + half_us if half_us >= LEAST_LEFT_US else NEVER_US
+
+
 def _work_of(problem: SchedulingProblem) -> int:
     robots = len(problem.free_ms)
     mending = -(-robots // ROBOTS_MENDED) if problem.has_order else 1
     return len(problem.tasks) * robots * mending
+
+
+class _Way(NamedTuple):
+    """A way of this robot: to what, between which places, when it should end, and when the robot
+    says next how much is left.
+    """
+
+    activation: str
+    ends: tuple[str, str]
+    ends_us: int
+    tells_us: int
 
 
 class Scheduler:
@@ -75,8 +98,9 @@ class Scheduler:
         self._are_rules_as_good = False
         # The activation it last set out for, or began without a way: it overtakes others only once.
         self._begun = ""
-        # What it is travelling to; whether it has turned round since it last worked.
-        self._way_to, self._has_turned = "", False
+        # The way that it is on, or last was; whether it has turned round since it last worked.
+        self._way: _Way | None = None
+        self._has_turned = False
         self._wrote_time_us: int | None = None
         # The last proposal in force that was compared with the result of rules.
         self._compared: Proposal | None = None
@@ -101,6 +125,7 @@ class Scheduler:
             return
         self._settle(ahead, now_us)
         self._tell_time(ahead, now_us)
+        self._tell_way(ahead, now_us)
         self._outdo(ahead, now_us)
         if self._is_searching and self._is_for(ahead):
             return
@@ -158,7 +183,52 @@ class Scheduler:
             self._wrote_time_us = now_us
             self._context.write([(records.TEAM_TIME, TeamTime(unix_us))], now_us)
 
-    def begins(self, plan: Plan, claim: Claim, is_way: bool) -> list[Fact]:
+    @property
+    def deadlines_us(self) -> tuple[int | None, int | None]:
+        """When `follow` is due at the latest, if nothing else happens."""
+        return self.settles_us, self._way.tells_us if self._way is not None else None
+
+    def _tell_way(self, ahead: Lookahead, now_us: int) -> None:
+        """Write how much of the way is left, so that others neither wait for this robot nor replace
+        it as if it had just set out.
+        """
+        way, claim = self._way, self._context.work.claim
+        if way is None or now_us < way.tells_us or claim is None:
+            return
+        self._way = way._replace(tells_us=_tells_us(way.ends_us, now_us))
+        if claim.activation == way.activation and claim.phase is Phase.TRAVELLING:
+            counts = self._counts(ahead)
+            self._context.write([(records.OVERTAKEN, self._noted(counts, now_us))], now_us)
+
+    def _set_out(self, claim: Claim, goal: str, now_us: int) -> _Way | None:
+        """The way for a claim: from a place, or from where the robot is on its way elsewhere. None
+        if nobody knows where it begins.
+        """
+        facts, before, origin = self._context.facts, self._way, claim.place
+        if not origin:
+            return None
+        travel, table = facts.mission.travel, facts.travel_table(self._context.me)
+        assert travel is not None
+        places = list(travel.places)
+        at, to = places.index(origin), places.index(goal)
+        left_ms = table[at][to]
+        if before is not None and before.ends[0] == origin:
+            rest_ms = max(0, before.ends_us - now_us) // 1_000
+            left_ms = ways_between(table, at, places.index(before.ends[1]), rest_ms)[to]
+        ends_us = now_us + left_ms * 1_000
+        return _Way(claim.activation, (origin, goal), ends_us, _tells_us(ends_us, now_us))
+
+    def _counts(self, ahead: Lookahead) -> dict[str, int]:
+        """How often this robot has overtaken what still lies ahead."""
+        before = self._context.facts.overtakings.get(self._context.me)
+        counts = before.counts if before is not None else {}
+        return {name: count for name, count in counts.items() if name in ahead.order}
+
+    def _noted(self, counts: Mapping[str, int], now_us: int) -> Overtaken:
+        left_us = self._way.ends_us - now_us if self._way is not None else 0
+        return Overtaken(self._begun, self._has_turned, max(0, left_us) // 1_000, counts)
+
+    def begins(self, plan: Plan, claim: Claim, travel_to: str, now_us: int) -> list[Fact]:
         """The facts to write when the robot sets out for something, or begins to work on it: what
         it overtakes, and whether it has turned round for it.
 
@@ -166,9 +236,10 @@ class Scheduler:
         force, since finished work and ways could make that seem better.
         """
         begun, self._begun = self._begun, claim.activation
-        way, self._way_to = self._way_to, claim.activation if is_way else ""
-        ahead, me = plan.ahead, self._context.me
-        turns = is_way and ahead is not None and ahead.turns_from(way, claim.activation)
+        way, is_way = self._way, bool(travel_to)
+        self._way = self._set_out(claim, travel_to, now_us) if is_way else None
+        ahead, me, left = plan.ahead, self._context.me, way.activation if way is not None else ""
+        turns = is_way and ahead is not None and ahead.turns_from(left, claim.activation)
         if ahead is None or (claim.activation == begun and (self._has_turned or not turns)):
             return []
         is_outdone = self._is_outdone(ahead) and not ahead.problem.has_order
@@ -177,13 +248,10 @@ class Scheduler:
         passed = [] if claim.activation == begun else ahead.overtaken_by(me, claim.activation)
         if not passed and not self._has_turned:
             return taken_back
-        before = self._context.facts.overtakings.get(me)
-        counts = dict(before.counts) if before is not None else {}
-        counts = {name: count for name, count in counts.items() if name in ahead.order}
+        counts = self._counts(ahead)
         for name in passed:
             counts[name] = min(MAX_OVERTAKEN, counts.get(name, 0) + 1)
-        noted = Overtaken(claim.activation, self._has_turned, counts)
-        return [*taken_back, (records.OVERTAKEN, noted)]
+        return [*taken_back, (records.OVERTAKEN, self._noted(counts, now_us))]
 
     def _withdraw(self, ahead: Lookahead, plan: Plan, now_us: int) -> None:
         """Withdraw its proposal once all robots follow another one. Costs change a little with

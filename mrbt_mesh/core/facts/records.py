@@ -312,11 +312,12 @@ class Overtaken(Record):
 
     Only activations that still lay ahead when this was written are counted. `begun`: what the
     author began last, or set out for. `has_turned`: it had set out for something else, and has not
-    worked since.
+    worked since. `left_ms`: how long it then still expected to be on its way to that.
     """
 
     begun: _Name
     has_turned: bool
+    left_ms: int
     counts: Annotated[Mapping[str, int], Plain(_read_counts, dict)]
 
 

@@ -155,5 +155,22 @@ class Travel:
         )
 
 
+def ways_between(
+    table: Sequence[Sequence[int]], origin: int, goal: int, left_ms: int
+) -> Sequence[int]:
+    """The ways to all places from where `left_ms` of a way are left, as `Travel.table` has them.
+
+    As on a plane (Stewart's theorem), but no longer than by way of its ends.
+    """
+    whole_ms = table[origin][goal]
+    done_ms, found = whole_ms - left_ms, list[int]()
+    if done_ms <= 0:
+        return table[origin]
+    for back_ms, on_ms in zip(table[origin], table[goal], strict=True):
+        square = (left_ms * back_ms**2 + done_ms * on_ms**2) // whole_ms - left_ms * done_ms
+        found.append(min(isqrt(max(0, square)), done_ms + back_ms, left_ms + on_ms))
+    return found
+
+
 def _point(x: int, y: int) -> tuple[int, int]:
     return x, y

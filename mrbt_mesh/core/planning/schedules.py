@@ -20,7 +20,7 @@ from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.facts.records import Phase, Proposal, ProposedStep
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.travel import Travel
+from mrbt_mesh.core.mission.travel import MAX_MS, Travel, ways_between
 from mrbt_mesh.core.planning.ahead import precedence, tasks_ahead
 from mrbt_mesh.core.planning.capabilities import Capabilities
 from mrbt_mesh.core.planning.demands import Demand, Group, request_demands
@@ -323,8 +323,7 @@ def _lookahead(
         elif any(need.robots for need in needs):
             opens.append(Open(request, group, needs))
     tasks = _tasks(facts, opens, after, ends_ms, order, known, capabilities)
-    has_order = len({(task.level, task.arrival) for task in tasks}) > 1
-    ways = [_way(facts, travel, robot, has_order) for robot in numbers]
+    ways = [_way(facts, travel, robot) for robot in numbers]
     indices = {name: number for number, name in enumerate(travel.places)}
     home = travel.start if travel.has_way_back else {}
     problem = SchedulingProblem(
@@ -424,28 +423,20 @@ def _under_way(
     return under_way, frozenset(fixed)
 
 
-def _way(
-    facts: TeamFacts, travel: Travel, robot: str, has_order: bool
-) -> tuple[int, Sequence[Sequence[int]]]:
+def _way(facts: TeamFacts, travel: Travel, robot: str) -> tuple[int, Sequence[Sequence[int]]]:
     """Where a robot is, and its ways from there and between places.
 
-    `has_order`: it matters what a robot on its way does first.
+    Of the way that it is on, as much is left as it has said last.
     """
     places = list(travel.places)
     at, goal = places.index(facts.place_of(robot)), facts.under_way(robot)
-    table = facts.travel_table(robot)
+    table, noted = facts.travel_table(robot), facts.overtakings.get(robot)
     if not goal:
         return at, table
-    # How far it has come is not among the facts: on average half of the way is left, and as much to
-    # return. Where there is an order, none of the way counts as done: else to set out would be a
-    # reason to go elsewhere, for ever.
-    index, row = places.index(goal), list(table[at])
-    if has_order:
-        half_ms = row[index] // 2
-        row = [way if n == index else max(way, half_ms) for n, way in enumerate(row)]
-    else:
-        row[index] //= 2
-    return len(places), [*table, row]
+    claim, left_ms = facts.valid_claim(robot), MAX_MS
+    if noted is not None and claim is not None and noted.begun == claim.activation:
+        left_ms = noted.left_ms
+    return len(places), [*table, ways_between(table, at, places.index(goal), left_ms)]
 
 
 def _why_left_out(mission: Mission, request: Request, needs: Sequence[SchedulingNeed]) -> str:

@@ -264,13 +264,12 @@ def _sooner(
 
 
 def _end_ms(problem: SchedulingProblem, number: int, robots: Iterable[int]) -> int:
-    """When a task ends if these robots are on their way to it. On average half of it is left."""
+    """When a task ends if these robots are on their way to it."""
     task, there_ms, work_ms = problem.tasks[number], [0], [0]
     for robot in robots:
         ways_ms = problem.travel_ms[robot][problem.at[robot]]
         way_ms = 0 if task.place is None else ways_ms[task.place]
-        is_under_way = problem.under_way.get(robot) == number
-        there_ms.append(way_ms // 2 if is_under_way else way_ms)
+        there_ms.append(way_ms)
         work_ms.append(min(need.work_ms[robot] for need in task.needs if robot in need.work_ms))
     if task.is_together:
         return max(there_ms) + max(work_ms)

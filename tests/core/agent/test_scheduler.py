@@ -14,6 +14,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Proposal, TravelTimes
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
+from mrbt_mesh.core.mission.travel import MICRO
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling import problem
 from mrbt_mesh.core.scheduling.problem import Schedule
@@ -182,3 +183,25 @@ def test_it_searches_again_once_a_robot_has_died() -> None:
     one = team.processes["R1"]
     assert len(one.searches) == 1
     assert ahead(one).robots == ("R1",)
+
+
+def test_a_robot_on_its_way_says_each_time_that_half_as_much_is_left() -> None:
+    of = mission("a")
+    travel = of.travel
+    assert travel is not None
+    far = replace(travel, at={"a": "d"}, start={"R1": "a"}, speeds={"T": MICRO // 2})
+    only = replace(of, robots={"R1": of.robots["R1"]}, travel=far)
+    team = started(only)
+    one = team.processes["R1"]
+    whole_ms, said = far.way_ms("T", "a", "d"), list[int]()
+    for _ in range(whole_ms // 100 + 20):
+        noted = one.agent.view.facts.overtakings.get("R1")
+        if noted is not None and noted.left_ms not in said:
+            said.append(noted.left_ms)
+            assert not noted.counts
+            row = ahead(one).problem.travel_ms[0][ahead(one).problem.at[0]]
+            assert row[list(far.places).index("d")] == noted.left_ms
+        team.pass_time(100)
+    halves = [whole_ms // 2**n for n in range(1, 20) if whole_ms // 2**n >= 1_000]
+    assert len(said) == len(halves) >= 3
+    assert all(abs(ms - half) < 5 for ms, half in zip(said, halves, strict=True)), said

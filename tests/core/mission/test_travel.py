@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
+import math
 
-from mrbt_mesh.core.mission.travel import MAX_MS, MICRO, Travel
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mrbt_mesh.core.mission.travel import MAX_MS, MICRO, Travel, ways_between
 from mrbt_mesh.core.scheduling.problem import Objective
 
 TRAVEL = Travel(
@@ -44,3 +48,33 @@ def test_ways_that_nobody_needs_are_long_in_the_table() -> None:
     assert only.table("cart") == [[0, 5, MAX_MS], [5, 0, MAX_MS], [MAX_MS, MAX_MS, 0]]
     with pytest.raises(KeyError):
         only.way_ms("cart", "a", "c")
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 50_000), st.integers(0, 50_000)), min_size=2, max_size=6),
+    st.integers(0, 80_000),
+)
+def test_the_ways_from_between_two_places_are_those_on_the_map(
+    points: list[tuple[int, int]], left_ms: int
+) -> None:
+    table = [[round(math.dist(a, b)) for b in points] for a in points]
+    whole_ms = table[0][1]
+    part = max(0.0, 1 - left_ms / whole_ms) if whole_ms else 0.0
+    here = tuple(a + (b - a) * part for a, b in zip(*points[:2], strict=True))
+    for there, ms in zip(points, ways_between(table, 0, 1, left_ms), strict=True):
+        # Ways are rounded to milliseconds, which matters most near to a place.
+        assert abs(ms - math.dist(here, there)) <= 2 + math.sqrt(2 * whole_ms)
+
+
+@given(st.data())
+def test_no_way_from_between_is_longer_than_by_way_of_a_place(data: st.DataObject) -> None:
+    row = st.lists(st.integers(0, MAX_MS), min_size=3, max_size=3)
+    table = data.draw(st.lists(row, min_size=3, max_size=3))
+    whole_ms = table[0][1]
+    left_ms = data.draw(st.integers(0, whole_ms))
+    found = ways_between(table, 0, 1, left_ms)
+    assert all(ms >= 0 for ms in found)
+    if left_ms == whole_ms:
+        assert list(found) == table[0], "nothing changes by setting out"
+    else:
+        assert all(ms <= left_ms + on_ms for ms, on_ms in zip(found, table[1], strict=True))
