@@ -245,7 +245,7 @@ class _Generator:
         mission["parameters"]["tasks"][TRIED] = {"fails_on": failing}
         mission["parameters"]["losses"] = losses
         most = pick.choice([1, 1, 2])
-        failure = pick.choice(["resilient", "resilient", "paper", "paper", {"after_s": 2.5}])
+        failure = pick.choice(["resilient", "first", "paper", "paper", {"after_s": 2.5}])
         needs = {TRIED: {"min": 1, "max": most}}
         tried: dict[str, Any] = {"needs": needs, "failure": failure}
         if pick.random() < 0.2:

@@ -111,7 +111,7 @@ def _other_task(mission: Mission, pick: random.Random) -> Mission:
         return mission
     task = mission.global_tasks[pick.choice(names)]
     if pick.random() < 0.5:
-        policies = [p for p in (FailurePolicy.PAPER, FailurePolicy.RESILIENT) if p != task.failure]
+        policies = [each for each in FailurePolicy if each != task.failure]
         changed = replace(task, failure=pick.choice(policies))
     else:
         first, *others = task.needs
