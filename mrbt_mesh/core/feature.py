@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.sim.checkers.findings import RunFindings
 
 # The packages of the features, in the order in which the kernel calls them.
-NAMES: tuple[str, ...] = ("contact", "constraints", "bids", "exclusive", "values")
+NAMES: tuple[str, ...] = ("revisions", "contact", "constraints", "bids", "exclusive", "values")
 
 
 class CommandField(NamedTuple):
@@ -225,6 +225,10 @@ class Part:
         """
         return {}
 
+    def longest(self) -> Mapping[str, int]:
+        """Words whose arguments may be longer than usual -> how many characters they may have."""
+        return {}
+
     def rules(self) -> Mapping[str, FieldRule]:
         """How this robot takes the commands of the feature's fields."""
         return {}
@@ -267,6 +271,14 @@ class Part:
         return False
 
     # -- a step -------------------------------------------------------------------------------
+
+    def agree(self, now_us: int) -> None:
+        """Agree with the other robots on the mission in force, at the beginning of a step. It is
+        called again once another mission was taken up; not while this robot joins.
+        """
+
+    def taken_up(self, mission: Mission) -> None:
+        """Another mission is in force, and this robot follows it from now on."""
 
     def check(self, now_us: int) -> bool:
         """Do what is due now; returns whether the agent has to follow a change of facts."""

@@ -22,7 +22,6 @@ import anyio.lowlevel
 
 from mrbt_mesh.core.agent.effects import (
     CancelAction,
-    CheckMission,
     FeatureEffect,
     StartAction,
     UseMission,
@@ -31,7 +30,6 @@ from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
     Input,
-    MissionChecked,
     ProblemFound,
     TravelTimesMade,
 )
@@ -60,7 +58,7 @@ EXPECTED = (
     "return None or True for success, False for failure, "
     "or {condition: bool} for success with conditions"
 )
-ProgramEffect: TypeAlias = StartAction | CancelAction | FeatureEffect | CheckMission | UseMission
+ProgramEffect: TypeAlias = StartAction | CancelAction | FeatureEffect | UseMission
 # Cancelled code that still runs after this time is reported.
 CANCEL_LIMIT_S = 5.0
 # Limit for computing the travel times between all places of a robot.
@@ -147,19 +145,19 @@ class ActionRunner:
                     loop.call_later(CANCEL_LIMIT_S, self._look_whether_stopped, ticket)
             case FeatureEffect():
                 self._for_feature(effect)
-            case CheckMission(mission):
-                self._group.start_soon(self._check, mission)
             case UseMission(mission):
                 self._use(mission)
 
     async def _check(self, mission: Mission) -> None:
+        from mrbt_mesh.features.revisions.messages import MissionChecked
+
         own = mission.robots[self._identity.robot].capabilities
         problems = check_program(self._program, mission, own)
         text = f"its program does not fit: {'; '.join(problems)}" if problems else ""
         self._host.submit(MissionChecked(mission.digest, text))
 
     def _use(self, mission: Mission) -> None:
-        """Use this revision of the mission for everything that begins from now on."""
+        """Use this mission for everything that begins from now on."""
         is_new_to_places = self._mission.travel is None and mission.travel is not None
         self._mission, known = mission, mission.robots.get(self._identity.robot)
         if known is not None:
@@ -272,6 +270,11 @@ class ActionRunner:
 
     def _for_feature(self, effect: FeatureEffect) -> None:
         """Carry out what a feature asks of the program."""
+        from mrbt_mesh.features.revisions.messages import CheckMission
+
+        if isinstance(effect, CheckMission):
+            self._group.start_soon(self._check, effect.mission)
+            return
         # Loaded only for missions with bids.
         from mrbt_mesh.features.bids.messages import RequestBid
         from mrbt_mesh.runtime.bid_calls import BidCalls

@@ -25,7 +25,6 @@ from mrbt_mesh.core.agent.effects import (
     Ask,
     AskRouter,
     CancelAction,
-    CheckMission,
     DeclareToken,
     Effect,
     FeatureEffect,
@@ -554,7 +553,7 @@ class Driver:
 
     def _carry_out(self, effect: Effect) -> None:
         match effect:
-            case StartAction() | CancelAction() | FeatureEffect() | CheckMission() | UseMission():
+            case StartAction() | CancelAction() | FeatureEffect() | UseMission():
                 self._runner.carry_out(effect)
                 self._save_revision(effect)
             case Publish(kind, data, to):

@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 import anyio
 import anyio.abc
 
-from mrbt_mesh.core.agent.operator_messages import CHECK_REVISION
-from mrbt_mesh.core.agent.reviser import size_problem
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.revisions import RevisionError
-from mrbt_mesh.core.planning.objections import not_feasible, objections
-from mrbt_mesh.core.planning.revised import (
+from mrbt_mesh.errors import InputError, MissingExtraError, lone
+from mrbt_mesh.features.revisions.changes import (
     RevisionChanges,
     as_revision,
     facts_under,
     revision_changes,
 )
-from mrbt_mesh.errors import InputError, MissingExtraError, lone
+from mrbt_mesh.features.revisions.messages import CHECK_REVISION
+from mrbt_mesh.features.revisions.objections import not_feasible, objections
+from mrbt_mesh.features.revisions.revise import RevisionError
+from mrbt_mesh.features.revisions.reviser import size_problem
 from mrbt_mesh.plugins import ANALYSES
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team_client import TeamClient

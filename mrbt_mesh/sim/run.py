@@ -14,7 +14,6 @@ import anyio
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.assignment.problem import require_planner
 from mrbt_mesh.core.engine import Engine
-from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.observer.observer import Observer
@@ -79,6 +78,14 @@ class SimulationResult:
         path.write_text("".join(lines), encoding="utf-8")
 
 
+def _named_by_revisions(faults: list[Revise]) -> set[str]:
+    if not faults:
+        return set()
+    from mrbt_mesh.features.revisions.commands import robots_of
+
+    return {robot for fault in faults for robot in robots_of(fault)}
+
+
 def simulate(
     mission: Mission,
     program: RobotProgram,
@@ -115,8 +122,8 @@ def simulate(
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
     named = {fault.robot for _, fault in steps if isinstance(fault, RobotFault)}
-    coming = {r for _, f in steps if isinstance(f, Revise) for r in read_mission(f.mission).robots}
-    coming |= {r for _, f in steps if isinstance(f, Propose) for r in f.mission.robots}
+    coming = {r for _, f in steps if isinstance(f, Propose) for r in f.mission.robots}
+    coming |= _named_by_revisions([f for _, f in steps if isinstance(f, Revise)])
     for robot in sorted({*team, *named}):
         if robot not in mission.robots and robot not in coming:
             known = ", ".join(sorted(mission.robots))

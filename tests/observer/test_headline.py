@@ -12,7 +12,7 @@ from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission
-from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.observer.episodes import after_text
 from mrbt_mesh.observer.headline import headline, robots_that_differ
 from mrbt_mesh.observer.observer import Observer, RunEnd

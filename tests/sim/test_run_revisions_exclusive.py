@@ -14,9 +14,9 @@ import pytest
 from mrbt_mesh import TaskContext
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.revisions import revise
-from mrbt_mesh.core.planning.objections import objections
-from mrbt_mesh.core.planning.revised import RevisionChanges, revision_changes
+from mrbt_mesh.features.revisions.changes import RevisionChanges, revision_changes
+from mrbt_mesh.features.revisions.objections import objections
+from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, SimulationResult, simulate

@@ -14,9 +14,9 @@ from mrbt_mesh.core.facts.records import JobEnd, Record
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.validation import believed
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.revisions import revise as numbering
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.observer.headline import headline
 from mrbt_mesh.runtime.program import RobotProgram
@@ -341,7 +341,7 @@ def test_a_mission_of_another_name_or_that_the_robots_cannot_do_is_refused() -> 
 
 
 def test_removed_parts_must_be_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(revisions, "MAX_RETIRED", 0)
+    monkeypatch.setattr(numbering, "MAX_RETIRED", 0)
     with pytest.raises(AssertionError):
         test_an_exclusive_step_that_was_removed_and_comes_back_is_not_begun_again()
 

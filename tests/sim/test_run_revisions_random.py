@@ -14,12 +14,12 @@ import pytest
 
 from mrbt_mesh import TaskContext
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.jobs import type_at
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning import revised
 from mrbt_mesh.errors import FileError
+from mrbt_mesh.features.revisions import changes
+from mrbt_mesh.features.revisions import revise as numbering
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.runtime.program import RobotProgram
@@ -223,23 +223,23 @@ def test_a_random_revision_keeps_what_the_guide_says(
     assert not found, (seed, found)
 
 
-def only_steps_that_were_never_known(steps: revised._Steps, step: revised._Step) -> list[int]:
+def only_steps_that_were_never_known(steps: changes._Steps, step: changes._Step) -> list[int]:
     known = steps._facts.declared.revision
     first = len(steps._facts.declared.tree.nodes) if known is None else known.next_node
     return [number for number in steps._now[step] if number >= first]
 
 
-def declared_values_count(parts: revisions._Parts, index: int) -> str:
+def declared_values_count(parts: numbering._Parts, index: int) -> str:
     kind = type_at(parts._mission, index)
     return repr(kind and (kind.name, kind.parameters))
 
 
 def test_a_deliberate_bug_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps count as others if the type declares other values."""
-    monkeypatch.setattr(revisions._Parts, "_type_name", declared_values_count)
+    monkeypatch.setattr(numbering._Parts, "_type_name", declared_values_count)
     assert any(run(story_of(seed), monkeypatch) for seed in (0, 10))
 
 
 def test_steps_that_never_began_must_be_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(revised._Steps, "_fresh_numbers", only_steps_that_were_never_known)
+    monkeypatch.setattr(changes._Steps, "_fresh_numbers", only_steps_that_were_never_known)
     assert any(run(story_of(seed), monkeypatch) for seed in (1, 22))

@@ -22,7 +22,6 @@ from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.operator_messages import CommandStep, command_version, operate_body
 from mrbt_mesh.core.agent.reports import Reports
-from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.assignment import canonical, problem
 from mrbt_mesh.core.bt.evaluator import Evaluator
@@ -96,12 +95,6 @@ add("ended_jobs_are_forgotten", (jobs, "_is_kept", always(False)))
 add("ended_jobs_go_on", (Jobs, "has_ended", always(False)))
 # Steps of jobs that are held begin.
 add("held_jobs_go_on", (demands, "_held", lambda _, group, __: group))
-# A robot begins things while others act by another revision, or hold one that is not in force.
-add(
-    "revisions_are_not_waited_for",
-    (Reviser, "may_begin", always(True)),
-    (make_plan, "Plan", lambda plan, *given, **named: plan(*given, **named | {"revision": None})),
-)
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
 

@@ -14,7 +14,6 @@ from mrbt_mesh.core.agent.operator_desk import OperatorDesk, team_rules
 from mrbt_mesh.core.agent.operator_messages import CommandStep, operate_body
 from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.planner import Planner
-from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts.store import Entry
@@ -49,7 +48,7 @@ def desk(
     parts = Parts(Kit(context, Health(context), planner, lambda *_: None, lambda _: []))
     parts.compose(0)
     of_features = [part.rules() for part in parts.all]
-    own = team_rules(context), Reviser(context).rules(), job_rules(context), *of_features
+    own = team_rules(context), job_rules(context), *of_features
     rules = {field: rule for each in own for field, rule in each.items()}
     return OperatorDesk(context, rules), context
 

@@ -18,7 +18,7 @@ from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
-    from mrbt_mesh.core.planning.revised import RevisionChanges
+    from mrbt_mesh.features.revisions.changes import RevisionChanges
     from mrbt_mesh.runtime.team_revision import Consent
     from mrbt_mesh.runtime.watcher import Watcher
 
@@ -177,7 +177,7 @@ def lines(
     changes: RevisionChanges, blocked: Sequence[str], survived: Mapping[str, str]
 ) -> list[str]:
     """Return what a revision changes, and the losses its team then survives, for people."""
-    from mrbt_mesh.core.planning.revised import step_name, step_names
+    from mrbt_mesh.features.revisions.changes import step_name, step_names
 
     def subjects(activations: Sequence[str]) -> str:
         return ", ".join(step_names(activations))

@@ -32,7 +32,6 @@ from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
-from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.stepping import Stepping
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.robot_tree import RobotTree
@@ -80,7 +79,6 @@ class Agent:
         self._scheduler: Scheduler | None = None
         kit = Kit(context, health, self._planner, self._report, self._given_up)
         self._parts = Parts(kit)
-        self._reviser = Reviser(context)
         self._deferred = DeferredInputs()
         context.replica.shown_by_tick = partial(shown_by_tick, context.facts)
         self.view = AgentView(context, self._planner, tree)
@@ -110,7 +108,7 @@ class Agent:
         context, planner, health = self._context, self._planner, self._health
         mission, schedule, duplicates = context.mission, self._schedule, self._duplicates
         parts = self._parts
-        self._executor = executor = Executor(context, self._tree, self._reviser, parts)
+        self._executor = executor = Executor(context, self._tree, parts)
         self._reports = reports = Reports(context, executor, schedule, health)
         if self._scheduler is None and mission.travel is not None:
             from mrbt_mesh.core.agent.scheduler import Scheduler
@@ -120,7 +118,7 @@ class Agent:
         self._lifecycle = Lifecycle(context, planner, duplicates, schedule, parts)
         self._heartbeats = Heartbeats(context, schedule, self._tree, parts)
         parts.compose(now_us)
-        self._commands = Commands(context, reports, health, self._reviser, parts)
+        self._commands = Commands(context, reports, health, parts)
         inbound = Inbound(context, duplicates, schedule, self._commands, parts)
         self.view.stepping = Stepping(context, parts)
         jobs, work = context.facts.jobs, context.work
@@ -151,7 +149,6 @@ class Agent:
             inputs.ProblemFound: health.problem_found,
             inputs.LeaveRequested: lambda _, now: reports.leave(now),
             inputs.PlanMade: planner.made,
-            inputs.MissionChecked: self._reviser.checked,
             inputs.JournalSynced: self._journal_synced,
             inputs.JournalReported: health.journal_reported,
             inputs.RecordingReported: health.recording_reported,
@@ -169,15 +166,18 @@ class Agent:
             )
             self._handlers[inputs.TravelTimesMade] = scheduler.travel_times_made
 
-    def _follow_revisions(self, now_us: int) -> None:
-        self._reviser.follow(now_us)
+    def _agree(self, now_us: int) -> None:
+        """Agree with the other robots on the mission in force."""
+        for agree in self._parts.agree:
+            agree(now_us)
         if self._context.facts.declared is not self._mission:
-            self._take_up_revision(now_us)
+            self._take_up_mission(now_us)
             if not self._context.has_stopped:
-                self._reviser.follow(now_us)
+                for agree in self._parts.agree:
+                    agree(now_us)
 
-    def _take_up_revision(self, now_us: int) -> None:
-        """Adopt a revision that is in force: compose the parts that it needs, and continue."""
+    def _take_up_mission(self, now_us: int) -> None:
+        """Follow another mission that is in force: compose its parts, and continue."""
         context, mission = self._context, self._context.facts.declared
         if problem := planner_problem(mission, context.config.lacks_planner):
             context.stop(2, problem)
@@ -189,7 +189,8 @@ class Agent:
         given_up = self._executor.given_up(claim) if claim is not None and is_dropped else []
         self._mission = mission
         context.use(mission)
-        context.log("info", "revision_taken_up", number=mission.revision_number)
+        for taken_up in self._parts.taken_up:
+            taken_up(mission)
         context.emit(UseMission(mission))
         if is_dropped:
             context.emit(*context.work.drop())
@@ -209,7 +210,7 @@ class Agent:
             context.write([context.member(), *claims], now_us)
 
     def _leave_if_removed(self, now_us: int) -> bool:
-        """Leave if a revision has removed this robot. Returns whether it has."""
+        """Leave if the mission in force no longer names this robot. Returns whether it leaves."""
         context = self._context
         if not self._was_named or context.me in context.mission.robots:
             return False
@@ -235,7 +236,7 @@ class Agent:
             if not context.has_stopped:
                 self._handlers[type(each)](each, now_us)
                 if context.facts.declared is not self._mission:
-                    self._take_up_revision(now_us)
+                    self._take_up_mission(now_us)
         if not context.has_stopped:
             self._follow_up(taken, now_us)
         return context.take_effects()
@@ -314,8 +315,8 @@ class Agent:
             self._reports.joined(now_us)
             self._health.joined(now_us)
             self._leave_if_removed(now_us)
-        if context.facts.is_revised and context.joining is None:
-            self._follow_revisions(now_us)
+        if context.joining is None:
+            self._agree(now_us)
         if context.has_stopped:
             return
         if context.joining is None:

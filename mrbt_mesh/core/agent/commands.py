@@ -13,7 +13,6 @@ from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.job_desk import job_rules
 from mrbt_mesh.core.agent.operator_desk import OperatorDesk, team_rules
 from mrbt_mesh.core.agent.operator_messages import (
-    CHECK_REVISION,
     FAULT,
     LEAVE,
     NOT_READY,
@@ -24,9 +23,7 @@ from mrbt_mesh.core.agent.operator_messages import (
 )
 from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.reports import Reports
-from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.facts.description import OPERATOR
-from mrbt_mesh.core.facts.records import MAX_MISSION
 from mrbt_mesh.core.mission.mission import micro_performance
 from mrbt_mesh.core.mission.names import ALL, type_name
 
@@ -45,7 +42,6 @@ class Commands:
         context: Context,
         reports: Reports,
         health: Health,
-        reviser: Reviser,
         parts: Parts,
     ) -> None:
         self._context = context
@@ -57,10 +53,11 @@ class Commands:
             PERFORM: self._perform,
             LEAVE: self._leave,
             REFUSALS: self._refusals,
-            CHECK_REVISION: reviser.check,
             **{word: act for part in parts.all for word, act in part.words().items()},
         }
-        rules = {**team_rules(context), **reviser.rules()}
+        # Words of features whose arguments may be longer than others -> how long.
+        self._longest = {word: most for part in parts.all for word, most in part.longest().items()}
+        rules = dict(team_rules(context))
         if context.facts.jobs is not None:
             rules |= job_rules(context)
         for part in parts.all:
@@ -81,7 +78,7 @@ class Commands:
                 return True, {"refused": text, "cause": NOT_READY}
             answer = self._desk.take(argument, now_us)
             return answer if isinstance(answer, AwaitedAnswer) else (True, answer)
-        most = MAX_MISSION if command == CHECK_REVISION else MAX_ARGUMENT
+        most = self._longest.get(command, MAX_ARGUMENT)
         if not isinstance(argument, str) or max(len(command), len(argument)) > most:
             text = "a command is a list of a text and its argument"
             return False, f"{text}, here a text of at most {most} characters"

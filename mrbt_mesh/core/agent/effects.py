@@ -116,17 +116,8 @@ class SearchSchedule:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckMission:
-    """Check whether the robot's program can do what a revision of the mission asks of this robot.
-    Answered by MissionChecked.
-    """
-
-    mission: Mission = field(repr=False)
-
-
-@dataclass(frozen=True, slots=True)
 class UseMission:
-    """This revision of the mission is in force: whatever begins from now on belongs to it."""
+    """This mission is in force: whatever begins from now on belongs to it."""
 
     mission: Mission = field(repr=False)
 
@@ -177,7 +168,6 @@ Effect: TypeAlias = (
     | StartAction
     | MakePlan
     | SearchSchedule
-    | CheckMission
     | UseMission
     | CancelAction
     | FeatureEffect

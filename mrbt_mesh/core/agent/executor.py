@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.parts import Parts
-from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.start_policy import PLAIN_START, Clearance, Situation, StartPolicy
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.robot_tree import RobotTree
@@ -34,15 +33,8 @@ class Executor:
     to be ticked again.
     """
 
-    def __init__(
-        self,
-        context: Context,
-        tree: RobotTree,
-        reviser: Reviser,
-        parts: Parts,
-    ) -> None:
+    def __init__(self, context: Context, tree: RobotTree, parts: Parts) -> None:
         self._context = context
-        self._reviser = reviser
         self._grace_us = context.config.timing.grace_us
         self.tree = tree
         self.shows_outcome = False
@@ -99,15 +91,13 @@ class Executor:
 
     def _may_start(self, plan: Plan, now_us: int) -> bool:
         """True if all healthy robots have the same plan, or the grace time has passed."""
-        if self._context.facts.is_revised and not self._reviser.may_begin():
-            return False
         if self.scheduler is not None and now_us < (self.scheduler.settles_us or 0):
             return False
         agreed = self._context.membership.all_report_plan(plan.digest)
         return agreed or now_us >= self._grace_ends_us
 
     def _features_allow(self, claim: Claim, now_us: int) -> bool:
-        return False not in [may(claim, now_us) for may in self._parts.may_begin]
+        return all(may(claim, now_us) for may in self._parts.may_begin)
 
     @property
     def _grace_ends_us(self) -> int:

@@ -228,14 +228,6 @@ class PlanMade:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionChecked:
-    """Why the robot's program cannot do what the revision of this digest asks for, or empty."""
-
-    digest: str
-    problem: str
-
-
-@dataclass(frozen=True, slots=True)
 class ScheduleFound:
     """The schedule requested by SearchSchedule with this number."""
 
@@ -312,7 +304,6 @@ Input: TypeAlias = (
     | TimerFired
     | PlanMade
     | ScheduleFound
-    | MissionChecked
     | JournalSynced
     | JournalReported
     | RecordingReported

@@ -12,7 +12,6 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 
 # Words to one robot, whose effects end with its process.
 FAULT, RESTORE, LEAVE, PERFORM = "fault", "restore", "leave", "perform"
-CHECK_REVISION = "check_revision"
 REFUSALS = "refusals"
 # A command that becomes a fact of its operator.
 OPERATE = "operate"

@@ -12,7 +12,7 @@ from mrbt_mesh.core.agent.start_policy import StartPolicy
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.feature import Kit, Part, features
 from mrbt_mesh.core.membership.wire import Heartbeat, Request, RequestAnswer
-from mrbt_mesh.core.mission.mission import GlobalTask
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -66,6 +66,8 @@ class Parts:
         self.first_life: list[Callable[[], None]] = self._own("first_life")
         self._is_bound: list[Callable[[], bool]] = self._own("is_bound")
         self.sent: list[Callable[[int, int], None]] = self._own("sent")
+        self.agree: list[Callable[[int], None]] = self._own("agree")
+        self.taken_up: list[Callable[[Mission], None]] = self._own("taken_up")
         self.check: list[Callable[[int], bool]] = self._own("check")
         self.follow: list[Callable[[int], None]] = self._own("follow")
         self.may_begin: list[Callable[[Claim, int], bool]] = self._own("may_begin")

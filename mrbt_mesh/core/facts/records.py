@@ -580,7 +580,7 @@ class JobArchive(Record):
 class ProposedMission(Record):
     """A revision of the mission. `text`: the compiled mission. `is_forced`: apply it even if that
     cancels work or robots leave. `may_repeat`: apply it even if tasks that are done at most once,
-    and were begun, are begun again (`planning.objections`).
+    and were begun, are begun again (`features.revisions.objections`).
     """
 
     text: Annotated[str, Plain(partial(read_document, limit=MAX_MISSION))]

@@ -33,7 +33,6 @@ from mrbt_mesh.sim.checkers.plans import optimal_assignment, same_plan
 from mrbt_mesh.sim.checkers.progress import Progress
 from mrbt_mesh.sim.checkers.renewals import Renewals
 from mrbt_mesh.sim.checkers.restarts import Resumption
-from mrbt_mesh.sim.checkers.revisions import Revised
 from mrbt_mesh.sim.checkers.work import (
     able_to_start,
     at_most_mu,
@@ -65,7 +64,6 @@ class Checkers(Inspection):
         self.i6 = Progress(self.run)
         self.i9 = Resumption(self.run)
         self.i10 = KeptJobs(self.run)
-        self.i11 = Revised(self.run)
         self.of_features = FeatureCheckers(self.run)
         self._log = EffectLog(keep_log)
         self.effect_log = self._log.lines
@@ -106,7 +104,6 @@ class Checkers(Inspection):
         agent = process.agent.view
         self.of_features.handling(process, agent, event)
         self.i6.finishing(agent, event)
-        self.i11.handling(agent)
         self._claim, action = agent.claim, agent.action
         self._is_running = action is not None and not action.travel_to
         self._life = agent.incarnation
@@ -134,7 +131,6 @@ class Checkers(Inspection):
                 self.i3.started(agent, effect)
                 able_to_start(run, agent, effect)
                 same_arguments(run, agent, effect)
-                self.i11.started(agent, effect)
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)
@@ -150,7 +146,6 @@ class Checkers(Inspection):
         self.i3.check(process, agent)
         self.renewals.check(process, agent)
         self.of_features.stepped(agent)
-        self.i11.handled(agent)
 
     def sample(self) -> None:
         """Check what is about the team as a whole."""

@@ -13,6 +13,7 @@ from typing import Any
 
 from mrbt_mesh.core.agent.inputs import QueryReceived
 from mrbt_mesh.core.agent.operator_messages import (
+    INVALID,
     NOT_READY,
     OPERATE,
     CommandStep,
@@ -24,19 +25,13 @@ from mrbt_mesh.core.facts.records import (
     ABORTED,
     JOB,
     JOB_KINDS,
-    MISSION,
-    MISSION_WITHDRAWN,
     PAUSED,
 )
-from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.wire import MessageKind, decode, encode
-from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.revisions import RevisionError, revise
-from mrbt_mesh.core.planning.revised import as_revision
 from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.job_requests import arguments_of, check_job, job_change, job_value
 from mrbt_mesh.runtime.operator_call import AGAIN_S, CALL_TIMEOUT_S, CommandRefusedError
@@ -114,7 +109,7 @@ class Client:
             call.awaits = str(error)
             if not self._again(call, CALL_TIMEOUT_S, AGAIN_S, partial(self._try, call)):
                 self._end(call, call.awaits)
-        except (CommandRefusedError, RevisionError) as error:
+        except CommandRefusedError as error:
             self._end(call, str(error))
         else:
             if revision is not None:
@@ -141,8 +136,13 @@ class Client:
             needs = command.robot if isinstance(command, commands.OfRobot) else ""
             self._command(*self._content(command), needs)
             return None
-        revision = as_revision(self._observer.facts, command.mission)
-        self._command(MISSION, str(revision.revision_number), _proposal(revision, command))
+        # Loaded here, as other features are: teams without them need nothing of it.
+        from mrbt_mesh.features.revisions.commands import next_revision, proposal
+
+        revision = next_revision(self._observer.facts, command.mission)
+        if isinstance(revision, str):
+            raise CommandRefusedError(revision, INVALID)
+        self._command(*proposal(revision, command))
         return revision
 
     def _content(self, command: commands.TeamCommand) -> tuple[str, str, Any]:
@@ -219,25 +219,26 @@ class Client:
 
     def _await_revision(self, call: _Call, revision: Mission) -> None:
         """Look now and again whether the revision is in force or void."""
-        facts, number = self._observer.facts, revision.revision_number
-        in_force = facts.declared.revision_number
-        if in_force >= number:
+        from mrbt_mesh.features.revisions import commands as revisions
+
+        facts = self._observer.facts
+        if revisions.is_in_force(facts, revision):
             self._end(call)
-        elif reason := facts.revisions.void_reason(number):
+        elif reason := revisions.void_reason(facts, revision):
             self._end(call, reason)
         else:
             alive = self._observer.membership.members()
-            awaited = ", ".join(facts.revisions.awaited(number, in_force, alive))
+            awaited = ", ".join(revisions.awaited(facts, revision, alive))
             call.awaits = f"waited for {awaited or 'a majority of the robots'}"
             step = partial(self._await_revision, call, revision)
             if not self._again(call, IN_FORCE_S, self._setup.timing.heartbeat_us / MICRO, step):
                 self._end(call, f"not in force after {IN_FORCE_S:g} s, {call.awaits}")
-                self._withdraw(number)
+                self._withdraw(revisions.withdrawal(revision))
 
-    def _withdraw(self, number: int) -> None:
+    def _withdraw(self, name: str) -> None:
         names = [each.robot for each in self._robots.living()]
         for first in self._robots.living()[:1]:
-            entry = self._entry(first, f"{MISSION_WITHDRAWN}/{number}", True, OPERATOR)
+            entry = self._entry(first, name, True, OPERATOR)
             self._write(names, entry, OPERATOR)
 
     # -- steps of chaos: a client that knows what one robot knows ------------------------------
@@ -246,10 +247,11 @@ class Client:
         """As `mrbt revise` does it, by what the asked robot knows."""
         if process.agent is None:
             return
-        facts = process.agent.view.facts
-        found = revise(facts.declared, read_mission(fault.mission), facts.revisions.last_number + 1)
-        name = f"{MISSION}/{found.revision_number}"
-        self.operate(process, Operate(fault.robot, name, _proposal(found, fault)))
+        from mrbt_mesh.features.revisions.commands import proposal, revision_of
+
+        found = revision_of(process.agent.view.facts, fault)
+        field, number, value = proposal(found, fault)
+        self.operate(process, Operate(fault.robot, f"{field}/{number}", value))
 
     def operate(self, process: SimProcess, fault: Operate) -> None:
         """As a client does it that has the facts of the robot."""
@@ -293,10 +295,6 @@ class Client:
             guard = self._guards.setdefault(operator, Guard(keys, header.run, life=1))
             data = guard.seal_command(data, process.robot, self._robots.lives[process.robot])
         process.deliver(QueryReceived(query, MessageKind.COMMAND, data))
-
-
-def _proposal(revision: Mission, given: Revise | commands.Propose) -> list[Any]:
-    return [compile_mission(revision), given.is_forced, given.repeats_exclusive]
 
 
 def _change_of_job(command: commands.TeamCommand) -> tuple[str, str, int | None]:

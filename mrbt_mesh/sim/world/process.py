@@ -16,7 +16,6 @@ from mrbt_mesh.core.agent.effects import (
     Ask,
     AskRouter,
     CancelAction,
-    CheckMission,
     DeclareToken,
     Effect,
     FeatureEffect,
@@ -345,7 +344,7 @@ class SimProcess:
                 self._clock.at(due_us, partial(self._make_plan, effect))
             case SearchSchedule():
                 self._clock.at(self._clock.now_us + SEARCH_US, partial(self._search, effect))
-            case StartAction() | CancelAction() | FeatureEffect() | CheckMission() | UseMission():
+            case StartAction() | CancelAction() | FeatureEffect() | UseMission():
                 self._work(effect)
             case DeclareToken(incarnation):
                 world.bus.declare(self.robot, incarnation)

@@ -129,7 +129,8 @@ class RecordedCourse:
 
     def answer(self, robot: str, asked: FeatureEffect) -> BidsMade | None:
         """Return the robot's recorded bid, if it is asked for one that it made."""
-        assert isinstance(asked, RequestBid)
+        if not isinstance(asked, RequestBid):
+            return None
         names = asked.activation, asked.local_task
         if (robot, *names) not in self._bids:
             return None

@@ -19,10 +19,10 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
-from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.features.revisions import revise as numbering
+from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.formats.build import mission_from_yaml
 from tests.support.commands import command
 
@@ -124,7 +124,7 @@ def test_what_has_no_place_in_it_is_kept_and_does_nothing_until_it_has_one() -> 
 
 def test_what_no_revision_can_have_a_place_for_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """So are parts that were removed so long ago that no mission knows their numbers."""
-    monkeypatch.setattr(revisions, "MAX_RETIRED", 0)
+    monkeypatch.setattr(numbering, "MAX_RETIRED", 0)
     other = revise(BEFORE, mission("look"))
     found = facts(DONE, proposed(other), adopted(other))
     assert (DONE.author, DONE.name) in found.prune()

@@ -20,7 +20,7 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.member_keys import MemberKeys
 from tests.support import build

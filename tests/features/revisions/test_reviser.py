@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from unittest import mock
 
 import pytest
 
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
-from mrbt_mesh.core.agent.effects import CheckMission
+from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.operator_messages import (
     CONFLICT,
     NOT_READY,
@@ -17,11 +18,14 @@ from mrbt_mesh.core.agent.operator_messages import (
     command_version,
     operate_body,
 )
-from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.facts.records import HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.feature import Kit
 from mrbt_mesh.core.membership.keys import make_command
-from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.revisions.messages import CHECK_REVISION, CheckMission
+from mrbt_mesh.features.revisions.revise import revise
+from mrbt_mesh.features.revisions.reviser import Reviser
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import compile_mission
 from tests.support.one_robot import MISSION, desk
@@ -35,6 +39,11 @@ OTHERS = replace(
     ),
     solver="cp_sat",
 )
+
+
+def _check(context: Context, mission: Mission) -> tuple[bool, str]:
+    kit = Kit(context, mock.Mock(), mock.Mock(), mock.Mock(), mock.Mock())
+    return Reviser(kit).words()[CHECK_REVISION](compile_mission(mission), 0)
 
 
 @pytest.mark.parametrize(("number", "cause"), [(1, NOT_READY), (3, CONFLICT), (2, None)])
@@ -64,7 +73,7 @@ def test_a_robot_that_cannot_plan_a_revision_refuses_it_though_its_program_fits(
     if not is_named:
         context.mission = OTHERS
     mission = MISSION if is_named else OTHERS
-    good, answer = Reviser(context).check(compile_mission(mission), 0)
+    good, answer = _check(context, mission)
     assert good
     assert "pip install 'mrbt-mesh[planner]'" in json.loads(answer)["problem"]
     assert not context.take_effects()
@@ -73,10 +82,10 @@ def test_a_robot_that_cannot_plan_a_revision_refuses_it_though_its_program_fits(
 def test_a_robot_that_leaves_by_a_revision_need_not_plan_it() -> None:
     _, context = desk()
     context.config = replace(context.config, lacks_planner=True)
-    assert Reviser(context).check(compile_mission(OTHERS), 0) == (True, json.dumps({"problem": ""}))
+    assert _check(context, OTHERS) == (True, json.dumps({"problem": ""}))
 
 
 def test_with_the_libraries_its_program_is_asked() -> None:
     _, context = desk()
-    Reviser(context).check(compile_mission(MISSION), 0)
+    _check(context, MISSION)
     assert [type(effect) for effect in context.take_effects()] == [CheckMission]

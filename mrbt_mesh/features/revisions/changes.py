@@ -17,7 +17,7 @@ from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.jobs import OpenJob, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd, performance
 from mrbt_mesh.core.mission.names import THIS_JOB, bound
-from mrbt_mesh.core.mission.revisions import RevisionError, revise
+from mrbt_mesh.features.revisions.revise import RevisionError, revise
 
 
 @dataclass(frozen=True)

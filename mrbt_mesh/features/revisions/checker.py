@@ -4,34 +4,37 @@ dry run says of a revision is what comes of it.
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.effects import StartAction
+from collections.abc import Sequence
+
+from mrbt_mesh.core.agent.effects import Effect, StartAction
+from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning.revised import is_at_work, revision_changes
+from mrbt_mesh.features.revisions.changes import is_at_work, revision_changes
+from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
 from mrbt_mesh.sim.checkers.findings import RunFindings, joined
+from mrbt_mesh.sim.world.process import SimProcess
 
 
-class Revised:
+class Revised(FeatureChecker):
     """Looks at every robot that begins something, and at every one that takes up a revision."""
 
     def __init__(self, run: RunFindings) -> None:
-        self._run = run
+        super().__init__(run)
         # Before the step, if a revision is proposed: the mission in force, and the facts.
         self._before: tuple[Mission, list[Entry]] | None = None
 
-    def handling(self, agent: AgentView) -> None:
-        """Before a step."""
+    def handling(self, process: SimProcess, agent: AgentView, event: Input) -> None:
         facts = agent.facts
         in_force = facts.declared.revision_number
         is_proposed = facts.revisions.last_number > in_force
         self._before = (facts.declared, list(facts.map)) if is_proposed else None
 
-    def handled(self, agent: AgentView) -> None:
-        """After a step."""
+    def stepped(self, agent: AgentView) -> None:
         facts = agent.facts
         if self._before is None or self._before[0] is facts.declared:
             return
@@ -39,7 +42,7 @@ class Revised:
         for entries in (self._before[1], facts.map):
             before.map.merge(each for each in entries if each.parts[0] not in MISSION_KINDS)
         told = revision_changes(before, facts.declared)
-        self._run.checks["I11"] += 1
+        self.run.checks["I11"] += 1
         lost = [
             n
             for n in (*told.kept, *told.kept_failed)
@@ -58,11 +61,17 @@ class Revised:
             ("was to go on and does not", taken_off),
         ):
             if names:
-                self._run.violation("I11", f"{agent.robot} takes up a revision: {names} {what}")
+                self.run.violation("I11", f"{agent.robot} takes up a revision: {names} {what}")
 
-    def started(self, agent: AgentView, start: StartAction) -> None:
+    def handled(self, process: SimProcess, effects: Sequence[Effect]) -> None:
+        assert process.agent is not None
+        for effect in effects:
+            if isinstance(effect, StartAction):
+                self._begins(process.agent.view, effect)
+
+    def _begins(self, agent: AgentView, start: StartAction) -> None:
         """When a robot begins something, no other one acts by another revision."""
-        run, number = self._run, agent.facts.declared.revision_number
+        run, number = self.run, agent.facts.declared.revision_number
         for other in joined(run.world):
             theirs = other.facts.declared.revision_number
             if not number and not theirs:

@@ -18,7 +18,7 @@ from mrbt_mesh.core.planning.ahead import tasks_ahead
 from mrbt_mesh.core.planning.capabilities import Capabilities, workers
 from mrbt_mesh.core.planning.consistency import could_be_met
 from mrbt_mesh.core.planning.demands import Demand
-from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, step_name, step_names
+from mrbt_mesh.features.revisions.changes import RevisionChanges, facts_under, step_name, step_names
 
 # Loops without a limit ask for tasks for ever.
 MOST_AHEAD = 200

@@ -8,30 +8,32 @@ different trees; a robot that was away learns of the revision before it joins.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.effects import CheckMission
-from mrbt_mesh.core.agent.inputs import MissionChecked
-from mrbt_mesh.core.agent.operator_desk import FieldRule, RefusalError, Rules
+from mrbt_mesh.core.agent.inputs import FeatureInput
+from mrbt_mesh.core.agent.operator_desk import FieldRule, RefusalError
 from mrbt_mesh.core.agent.operator_messages import CONFLICT, ENDED, NOT_READY
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import (
+    MAX_MISSION,
     AdoptedMission,
+    Claim,
     HeldMission,
     OperatorCommand,
     ProposedMission,
 )
 from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.feature import Kit, Part
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import Mission, majority
 from mrbt_mesh.core.mission.planner_need import planner_problem
-from mrbt_mesh.core.planning.objections import objections
-from mrbt_mesh.core.planning.revised import revision_changes
 from mrbt_mesh.errors import FileError
+from mrbt_mesh.features.revisions.changes import revision_changes
+from mrbt_mesh.features.revisions.messages import CHECK_REVISION, CheckMission, MissionChecked
+from mrbt_mesh.features.revisions.objections import objections
 
 
 def size_problem(before: Mission, after: Mission, timing: Timing) -> str:
@@ -45,17 +47,25 @@ def size_problem(before: Mission, after: Mission, timing: Timing) -> str:
     )
 
 
-class Reviser:
+class Reviser(Part):
     """One robot's part in revisions."""
 
-    def __init__(self, context: Context) -> None:
-        self._context = context
+    def __init__(self, kit: Kit) -> None:
+        self._context = kit.context
         # The digest of the revision that the runtime was asked about, and its answer.
         self._asked = ""
         self._answer: str | None = None
 
-    def rules(self) -> Rules:
-        """The rules for proposals and their withdrawal."""
+    def handlers(self) -> Mapping[type[FeatureInput], Callable[[Any, int], object]]:
+        return {MissionChecked: self._checked}
+
+    def words(self) -> Mapping[str, Callable[[str, int], tuple[bool, str]]]:
+        return {CHECK_REVISION: self._check_mission}
+
+    def longest(self) -> Mapping[str, int]:
+        return {CHECK_REVISION: MAX_MISSION}
+
+    def rules(self) -> Mapping[str, FieldRule]:
         state = self._state
         return {
             records.MISSION: FieldRule(state, self._check_proposal, self._is_proposed),
@@ -95,7 +105,7 @@ class Reviser:
             text = f"revision {revisions.last_number} is not in force yet: withdraw it first"
             raise RefusalError(text, CONFLICT)
 
-    def check(self, argument: str, _: int) -> tuple[bool, str]:
+    def _check_mission(self, argument: str, _: int) -> tuple[bool, str]:
         """Check if the robot's program could do a compiled mission. The answer is JSON with
         `problem`, which is null until the runtime has checked.
         """
@@ -113,21 +123,29 @@ class Reviser:
             text = f"revision {number[:20]!r} is not proposed; {in_force} is in force"
             raise RefusalError(text, ENDED)
 
-    def checked(self, event: MissionChecked, _: int) -> None:
+    def _checked(self, event: MissionChecked, _: int) -> None:
         """Note the runtime's answer on whether the robot's program can do a revision."""
         if event.digest == self._asked:
             self._answer = event.problem
 
-    def may_begin(self) -> bool:
-        """True if the robot may begin something, as far as revisions are concerned."""
+    def may_begin(self, claim: Claim, now_us: int) -> bool:
         facts = self._context.facts
+        if not facts.is_revised:
+            return True
         number = facts.declared.revision_number
         return facts.revisions.pending(number) is None and facts.revisions.all_act_by(
             number, self._context.alive()
         )
 
-    def follow(self, now_us: int) -> None:
+    def taken_up(self, mission: Mission) -> None:
+        self._context.log("info", "revision_taken_up", number=mission.revision_number)
+
+    def agree(self, now_us: int) -> None:
         """Write which revision this robot holds and acts by, and that one is in force."""
+        if self._context.facts.is_revised:
+            self._write(now_us)
+
+    def _write(self, now_us: int) -> None:
         context, revisions = self._context, self._context.facts.revisions
         in_force = context.facts.declared.revision_number
         held, pending = revisions.held_by(context.me), revisions.pending(in_force)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.revisions import RevisionError, revise
+from mrbt_mesh.features.revisions.revise import RevisionError, revise
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim.chaos.generate import generate_mission
 from mrbt_mesh.sim.chaos.vary import varied
