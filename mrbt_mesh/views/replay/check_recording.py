@@ -31,7 +31,7 @@ from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedF
 
 # How many plans are kept: robots compute the same plan at about the same time.
 KEPT_PLANS = 200
-_Cause = tuple[bytes, frozenset[str], tuple[tuple[str, Incarnation], ...]]
+_Cause = tuple[str, bytes, frozenset[str], tuple[tuple[str, Incarnation], ...]]
 
 
 class PlanAgain:
@@ -43,7 +43,9 @@ class PlanAgain:
 
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         """Return the plan for these facts and these living robots."""
-        key = (facts.map.digest(), facts.revoked, tuple(sorted(alive.items())))
+        # Launches of a continued run begin without facts, each with the revision in force then.
+        mission, known = facts.declared.digest, facts.map.digest()
+        key = (mission, known, facts.revoked, tuple(sorted(alive.items())))
         if key not in self._made:
             self._made[key] = make_plan(facts, alive, default_solver)
             if len(self._made) > KEPT_PLANS:
