@@ -12,6 +12,7 @@ import pytest
 
 from mrbt_mesh import InputError, RobotProgram, TaskContext
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.revisions.facts import Revisions
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.testing import (
     AbortMission,
@@ -286,7 +287,7 @@ def test_a_revision_that_does_not_come_into_force_is_withdrawn() -> None:
     )
     ((at_s, reason),) = [(each.at_s, each.reason) for each in found.refused]
     assert (at_s, reason) == (15, "not in force after 30 s, waited for a majority of the robots")
-    revisions = found.whole.agents["S1"].view.facts.revisions
+    revisions = found.whole.agents["S1"].view.facts.index(Revisions)
     assert revisions.void_reason(1) == "it was withdrawn"
 
 

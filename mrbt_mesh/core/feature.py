@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.assignment.problem import SideConstraint
     from mrbt_mesh.core.bt.activation import ActivationNames
     from mrbt_mesh.core.bt.evaluation import Request as TreeRequest
-    from mrbt_mesh.core.facts.records import Claim, Record
+    from mrbt_mesh.core.facts.records import Claim, Job, Record
     from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation, Version
     from mrbt_mesh.core.facts.task_status import TeamMembers
     from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -54,7 +54,7 @@ class CommandField(NamedTuple):
     `read`: raises ValueError for what is no value. `parts`: of how many parts the names of such
     facts consist, the field itself included. `is_of_robot`: the second part is a robot's id.
     `is_of_activation`: it is an activation of an action, and the fact is dropped with it. `once`:
-    the field is commanded only once, so the first value counts.
+    the field is commanded only once, so the first value counts. `is_shown`: timelines show it.
     """
 
     read: Callable[[Any], Any]
@@ -62,6 +62,7 @@ class CommandField(NamedTuple):
     is_of_robot: bool = False
     is_of_activation: bool = False
     once: bool = False
+    is_shown: bool = True
 
 
 class Index:
@@ -71,7 +72,27 @@ class Index:
         """Take in an entry of one of the feature's kinds; it replaces the one of the same name."""
 
     def remove(self, entry: Entry) -> None:
-        """An entry is dropped, with all others of its activation."""
+        """An entry is dropped, with all others of its activation if it is of one."""
+
+    def obsolete(self) -> Sequence[tuple[str, str]]:
+        """(author, name) of the entries of no activation that nothing reads any more."""
+        return ()
+
+    def successor(self) -> Mission | None:
+        """The mission that the facts put in force in the place of the present one; None: none."""
+        return None
+
+    def says(self, entry: Entry) -> bool:
+        """Whether a fact that follows from others (`Feature.derived`) adds nothing to the facts."""
+        return False
+
+    def shows(self, entry: Entry, alive: Mapping[str, Incarnation]) -> bool:
+        """Whether such a fact follows from the facts. `alive`: the robots that one counts on."""
+        return False
+
+    def objects_to_job(self, job: Job) -> str:
+        """Why no operator may submit this job now; empty: the feature does not mind."""
+        return ""
 
     def idle(self, reasons: Mapping[str, str]) -> Mapping[str, str]:
         """Why a plan assigns nothing to some of these robots, where the feature knows it better.
@@ -429,14 +450,19 @@ class Feature:
     `section`: the name of what a compiled mission has of it, if it has anything.
     `commands`: the fields that operators command for it. `kinds`: kinds of facts about activations
     of global tasks, which are dropped with them -> of how many parts their names consist: kind,
-    activation, and so on. `in_plan`: the name of what a plan has of it, if it has anything.
-    `has_joint_facts`: its facts about activations, commands included, are kept in a `JointFacts`
-    for each activation; one feature at most has such.
+    activation, and so on. `team_kinds`: the same of other kinds; `derived`: those that follow from
+    other facts, so that one robot's word is not enough. `in_any_mission`: the kinds, commands
+    included, that have a place whichever mission of the team is in force. `in_plan`: the name of
+    what a plan has of it, if it has anything. `has_joint_facts`: its facts about activations,
+    commands included, are kept in a `JointFacts` for each activation; one feature at most has such.
     """
 
     section: ClassVar[str] = ""
     commands: ClassVar[Mapping[str, CommandField]] = {}
     kinds: ClassVar[Mapping[str, int]] = {}
+    team_kinds: ClassVar[Mapping[str, int]] = {}
+    derived: ClassVar[Collection[str]] = ()
+    in_any_mission: ClassVar[Collection[str]] = ()
     in_plan: ClassVar[str] = ""
     has_joint_facts: ClassVar[bool] = False
 
@@ -444,6 +470,11 @@ class Feature:
         """The kinds of its facts about activations, commands included."""
         fields = (field for field, known in self.commands.items() if known.is_of_activation)
         return (*self.kinds, *fields)
+
+    def other_kinds(self) -> Sequence[str]:
+        """The kinds of its facts that are about no activation, commands included."""
+        fields = (field for field, known in self.commands.items() if not known.is_of_activation)
+        return (*self.team_kinds, *fields)
 
     # -- the mission --------------------------------------------------------------------------
 
@@ -529,6 +560,12 @@ class Feature:
         """
         return ""
 
+    def misplaced(self, entry: Entry, mission: Mission) -> str:
+        """Why a team with this mission has no place for a fact of the feature that is about no
+        activation; empty: it has.
+        """
+        return ""
+
     def refuses(self, entry: Entry, task: GlobalTask) -> str:
         """Why an activation of this task has no place for a fact of the feature; empty: it has."""
         return ""
@@ -563,6 +600,10 @@ class Feature:
     def history(self, limit: int | None) -> FeatureHistory | None:
         """What is kept of a run for its summary, at most `limit` rows; None: nothing."""
         return None
+
+    def warnings(self, facts: TeamFacts, robots: Collection[str]) -> Iterator[str]:
+        """What the headline of a team warns of. `robots`: those that are members."""
+        yield from ()
 
     def would_help(
         self, facts: TeamFacts, waiting: Waiting, here: Collection[str]
@@ -604,3 +645,8 @@ def used(sections: Mapping[str, Any]) -> Iterator[tuple[Feature, Any]]:
     for feature in features():
         if feature.section in sections:
             yield feature, sections[feature.section]
+
+
+def overrides(made: object, base: type, name: str) -> bool:
+    """Whether an object has a method of its own in the place of that of a base class."""
+    return getattr(type(made), name) is not getattr(base, name)

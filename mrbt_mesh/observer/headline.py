@@ -105,39 +105,15 @@ def headline(observer: Observer, differing: Collection[str], now_us: int) -> lis
     elif observer.record.result is None:
         found += [*_overdue(observer, now_us), *_silent(observer), *_faulty(observer)]
         found += _agreement(observer, differing)
-        found += [*_revision(observer), *_open_jobs(observer)]
+        robots = observer.membership.members()
+        texts = (text for each in features() for text in each.warnings(observer.facts, robots))
+        found += [*(Statement(Level.WARN, text) for text in texts), *_open_jobs(observer)]
     order = list(Level)
     is_bad = any(statement.level is Level.BAD for statement in found)
     result = list(_result(observer, is_bad))
     if observer.is_over:
         return [*result, *found]
     return sorted([*result, *found], key=lambda statement: order.index(statement.level))
-
-
-def _revision(observer: Observer) -> Iterator[Statement]:
-    """Another mission that is on its way: until then nobody begins anything."""
-    facts = observer.facts
-    if not facts.is_revised:
-        return
-    in_force = facts.declared.revision_number
-    if (pending := facts.revisions.pending(in_force)) is not None:
-        number = pending[1].revision_number
-        awaited = _awaited(observer, number) or "a majority"
-        by = facts.revisions.proposer(number)
-        yield Statement(
-            Level.WARN,
-            f"revision {number} is proposed by {by}, no robot begins anything: "
-            f"waiting for {awaited} (`mrbt revise --withdraw` ends it)",
-        )
-    elif awaited := _awaited(observer, in_force):
-        yield Statement(Level.WARN, f"revision {in_force} is in force, waiting for {awaited}")
-
-
-def _awaited(observer: Observer, number: int) -> str:
-    """The robots that a revision waits for, as they are named in a headline."""
-    facts, robots = observer.facts, observer.membership.members()
-    found = facts.revisions.awaited(number, facts.declared.revision_number, robots)
-    return shortened(sorted(found, key=name_order))
 
 
 # Jobs that were cancelled and done all the same; others are in the list of jobs.

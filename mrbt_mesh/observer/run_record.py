@@ -46,7 +46,10 @@ from mrbt_mesh.observer.work_log import WorkLog
 
 # Of jobs there may be thousands, which have lists of their own.
 _OF_JOBS = {records.JOB, records.JOB_HOLD, records.JOB_PRIORITY, records.JOB_CANCELLED}
-_SHOWN_COMMANDS = records.COMMANDS - _OF_JOBS - {records.MISSION_WITHDRAWN}
+_HIDDEN_COMMANDS = _OF_JOBS.union(
+    *([f for f, known in each.commands.items() if not known.is_shown] for each in features())
+)
+_SHOWN_COMMANDS = records.COMMANDS - _HIDDEN_COMMANDS
 
 
 class RunRecord:

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
-from mrbt_mesh.core.facts.records import MISSION_KINDS
+from mrbt_mesh.core.facts.records import IN_ANY_MISSION
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
@@ -206,7 +206,7 @@ class Player:
         """
         self._is_known = False
         # Other facts may be valid only in a revision of the mission, so that comes first.
-        known = sorted(self.state.facts.map, key=lambda each: each.parts[0] not in MISSION_KINDS)
+        known = sorted(self.state.facts.map, key=lambda each: each.parts[0] not in IN_ANY_MISSION)
         for entry in known:
             if self._is_new(entry):
                 self.observer.facts_changed([entry], at_us)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.facts.records import MISSION_KINDS
+from mrbt_mesh.core.facts.records import IN_ANY_MISSION
 from mrbt_mesh.core.facts.store import Change, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.peer import Peer
@@ -41,7 +41,7 @@ class Recorder:
         # (topic, number of the change or 0, the fact or the message).
         self._waiting: list[tuple[str, int, Any]] = []
         # Missions come first, as in robots: other facts may be valid only in a revision.
-        known = sorted(facts.map, key=lambda entry: entry.parts[0] not in MISSION_KINDS)
+        known = sorted(facts.map, key=lambda entry: entry.parts[0] not in IN_ANY_MISSION)
         self._facts_changed([(None, entry) for entry in known])
         facts.map.subscribe(self._facts_changed)
 

@@ -25,8 +25,6 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import (
     ABORTED,
     JOB,
-    MISSION,
-    MISSION_WITHDRAWN,
     PAUSED,
 )
 from mrbt_mesh.core.facts.values import (
@@ -277,6 +275,8 @@ class TeamClient:
 
         Returns once a majority of the robots that are heard has it.
         """
+        from mrbt_mesh.features.revisions.kinds import MISSION
+
         name, safe = f"{MISSION}/{number}", len(self.robots) // 2 + 1
         return await self._command(
             name, [text, is_forced, repeats_exclusive], "", safe, is_checked=True
@@ -284,6 +284,8 @@ class TeamClient:
 
     async def withdraw(self, number: int) -> Acknowledged:
         """Withdraw a proposed revision from all robots that are heard."""
+        from mrbt_mesh.features.revisions.kinds import MISSION_WITHDRAWN
+
         return await self._command(
             f"{MISSION_WITHDRAWN}/{number}", True, "", needs=self.robots, is_checked=True
         )

@@ -21,6 +21,7 @@ from mrbt_mesh.features.revisions.changes import (
     facts_under,
     revision_changes,
 )
+from mrbt_mesh.features.revisions.facts import Revisions
 from mrbt_mesh.features.revisions.messages import CHECK_REVISION
 from mrbt_mesh.features.revisions.objections import not_feasible, objections
 from mrbt_mesh.features.revisions.revise import RevisionError
@@ -156,7 +157,7 @@ async def take_up(
         raise RevisionRefusedError(str(error)) from None
     except TimeoutError as error:
         late = str(error)
-        proposed = watcher.observer.facts.revisions.proposed(number)
+        proposed = watcher.observer.facts.index(Revisions).proposed(number)
         if proposed is not None and proposed.text != compile_mission(revision):
             raise RevisionRefusedError(late) from None  # it is another client's, which may continue
     except anyio.get_cancelled_exc_class():
@@ -235,7 +236,7 @@ async def _until_in_force(
     """
     observer, said, number = watcher.observer, "", revision.revision_number
     while True:
-        revisions, robots = observer.facts.revisions, observer.membership.members()
+        revisions, robots = observer.facts.index(Revisions), observer.membership.members()
         declared = observer.facts.declared
         in_force, proposed = declared.revision_number, revisions.proposed(number)
         is_known = proposed is not None and proposed.text == text

@@ -8,10 +8,10 @@ import pytest
 
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.features.revisions.records import AdoptedMission, HeldMission
 from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.observer.episodes import after_text
 from mrbt_mesh.observer.headline import headline, robots_that_differ

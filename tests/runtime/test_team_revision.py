@@ -9,11 +9,11 @@ from typing import Any
 import anyio
 import pytest
 
-from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.revisions.records import AdoptedMission, HeldMission
 from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime import team_revision

@@ -19,12 +19,10 @@ from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import (
     LATCH,
-    AdoptedMission,
     Attempt,
     ChildResult,
     Claim,
     ConditionValue,
-    HeldMission,
     Job,
     JobArchive,
     JobEnd,
@@ -37,6 +35,7 @@ from mrbt_mesh.core.facts.values import MAX_STAMP
 from mrbt_mesh.features.bids.facts import Bid
 from mrbt_mesh.features.exclusive.coalitions import Coalitions
 from mrbt_mesh.features.exclusive.records import Coalition, CoalitionId, CoalitionMember
+from mrbt_mesh.features.revisions.records import AdoptedMission, HeldMission
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import SimulationResult, simulate

@@ -10,6 +10,7 @@ import pytest
 from mrbt_mesh import TaskContext
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.revisions.facts import Revisions
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
@@ -86,7 +87,7 @@ def test_a_revision_does_not_cancel_work_unless_it_is_forced() -> None:
     refused = run(BEFORE, (8, revised("E1", AFTER)))
     assert in_force(refused) == {0}
     assert done(refused) == ["weld(1)", "look(1)", "weld(2)"]
-    revisions = next(iter(refused.agents.values())).view.facts.revisions
+    revisions = next(iter(refused.agents.values())).view.facts.index(Revisions)
     assert "works on join(2), which would be cancelled" in revisions.void_reason(1)
     forced = run(BEFORE, (8, revised("E1", AFTER, is_forced=True)))
     assert in_force(forced) == {1}
@@ -169,7 +170,7 @@ def test_a_program_without_the_function_is_named() -> None:
     after = mission_from_yaml(text % "join(1), check(1), join(2)", "line.yaml", Path())
     result = run(BEFORE, (5, revised("A1", after, is_forced=True)))
     assert in_force(result) == {0}
-    revisions = next(iter(result.agents.values())).view.facts.revisions
+    revisions = next(iter(result.agents.values())).view.facts.index(Revisions)
     assert "its program does not fit" in revisions.void_reason(1)
 
 

@@ -15,6 +15,7 @@ from mrbt_mesh import TaskContext
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.features.revisions.changes import RevisionChanges, revision_changes
+from mrbt_mesh.features.revisions.facts import Revisions
 from mrbt_mesh.features.revisions.objections import objections
 from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -87,13 +88,13 @@ def number_of(result: SimulationResult) -> int:
 
 
 def reason(result: SimulationResult, number: int) -> str:
-    return next(iter(result.agents.values())).view.facts.revisions.void_reason(number)
+    return next(iter(result.agents.values())).view.facts.index(Revisions).void_reason(number)
 
 
 def foretold(result: SimulationResult, after: Mission) -> tuple[RevisionChanges, list[str]]:
     """What a dry run says at the end of a run."""
     facts = next(iter(result.agents.values())).view.facts
-    revision = revise(facts.declared, after, facts.revisions.last_number + 1)
+    revision = revise(facts.declared, after, facts.index(Revisions).last_number + 1)
     changes = revision_changes(facts, revision)
     alive = {robot: known.incarnation for robot, known in facts.members.items()}
     return changes, objections(facts, revision, changes, alive, is_forced=True)

@@ -17,6 +17,7 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.features.revisions import revise as numbering
+from mrbt_mesh.features.revisions.facts import Revisions
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.observer.headline import headline
 from mrbt_mesh.runtime.program import RobotProgram
@@ -233,7 +234,7 @@ def test_an_exclusive_step_is_not_begun_again_unless_the_operator_says_so(at_s: 
         assert in_force(result) == {0}
         assert count(result, "began")["dose(bed_1)"] == 1
         facts = next(iter(result.agents.values())).view.facts
-        assert "--repeat-exclusive" in facts.revisions.void_reason(1) or not forced
+        assert "--repeat-exclusive" in facts.index(Revisions).void_reason(1) or not forced
     again = run(slow[0], *GIVEN, (at_s, revised(slow[1], True, True)), RETURNED)
     assert in_force(again) == {1}
     assert count(again, "began")["dose(bed_1)"] > 1
@@ -331,8 +332,8 @@ def test_a_mission_of_another_name_or_that_the_robots_cannot_do_is_refused() -> 
         refused = run(DOSES, (5, revised(changed)), seconds=10)
         assert in_force(refused) == {0}, why
         facts = next(iter(refused.agents.values())).view.facts
-        assert why in facts.revisions.void_reason(1)
-        assert "--force" in facts.revisions.void_reason(1)
+        assert why in facts.index(Revisions).void_reason(1)
+        assert "--force" in facts.index(Revisions).void_reason(1)
         forced = run(DOSES, (5, revised(changed, True)), seconds=10)
         assert in_force(forced) >= {1}
 

@@ -159,10 +159,11 @@ async def _revise(
 
 
 async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
+    from mrbt_mesh.features.revisions.facts import Revisions
     from mrbt_mesh.runtime.team_revision import withdraw
 
     facts = watcher.observer.facts
-    pending = facts.revisions.pending(facts.declared.revision_number)
+    pending = facts.index(Revisions).pending(facts.declared.revision_number)
     if pending is None:
         fail(f"{team}: no revision is proposed", FAILURE)
     number = pending[1].revision_number

@@ -79,12 +79,9 @@ class _JobDesk:
     def check_new(self, entry: Entry, now_us: int) -> None:
         """Raises RefusalError if a job cannot be accepted now."""
         job, context = _job(entry), self._context
-        coming = context.facts.revisions.pending(context.mission.revision_number)
-        if coming is not None and job.type not in coming[1].jobs:
-            text = f"a revision without jobs of type {job.type} is about to be in force"
-            raise RefusalError(text)
-        if coming is not None and (problem := coming[1].jobs[job.type].problem(job.arguments)):
-            raise RefusalError(f"a revision is about to be in force in which {problem}")
+        for index in context.facts.indexes.values():
+            if problem := index.objects_to_job(job):
+                raise RefusalError(problem)
         if self._jobs.count_open() >= MAX_OPEN:
             raise RefusalError(f"{MAX_OPEN} jobs are open; cancel some, or wait", FULL)
         clock = context.wall_clock

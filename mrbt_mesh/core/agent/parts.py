@@ -10,7 +10,7 @@ from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished
 from mrbt_mesh.core.agent.start_policy import StartPolicy
 from mrbt_mesh.core.facts.records import Claim
-from mrbt_mesh.core.feature import Kit, Part, features
+from mrbt_mesh.core.feature import Kit, Part, features, overrides
 from mrbt_mesh.core.membership.wire import Heartbeat, Request, RequestAnswer
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission
 from mrbt_mesh.core.planning.plan import Plan
@@ -81,8 +81,4 @@ class Parts:
         self.steps_until_us: list[Callable[[], int | None]] = self._own("steps_until_us")
 
     def _own(self, name: str) -> list[Any]:
-        return [
-            getattr(part, name)
-            for part in self.all
-            if getattr(type(part), name) is not getattr(Part, name)
-        ]
+        return [getattr(part, name) for part in self.all if overrides(part, Part, name)]

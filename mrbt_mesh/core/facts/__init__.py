@@ -10,7 +10,7 @@ Where to find a rule:
 - when a global task has succeeded or failed, under each failure policy: `task_status`
 - what is known of one activation: `activation_facts`
 - how a robot describes itself, including its losses and present performances: `description`
-- jobs: `jobs`; revisions of the mission: `revisions`; facts that follow from others: `derived`
+- jobs: `jobs`; facts that follow from others: `derived`
 - how far one robot can drive stamps and counts ahead: `stamps`
 - whose claim counts, the operators' standing order, what may be dropped: `team_facts`
 

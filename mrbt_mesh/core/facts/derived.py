@@ -11,18 +11,17 @@ are broken up.
 from __future__ import annotations
 
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import AdoptedMission, JobArchive, MissionResult, Record
+from mrbt_mesh.core.facts.records import JobArchive, MissionResult, Record
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.feature import features
 
 # Kinds that a robot which was alone may have seen while others never can, because its alive set or
 # a condition was different.
 WITNESSED_KINDS = frozenset({records.LATCHED_FAILURE, records.RESULT})
-DERIVED_KINDS = WITNESSED_KINDS | {
-    records.JOB_ARCHIVE,
-    records.JOB_DUE,
-    records.MISSION_ADOPTED,
-}
+DERIVED_KINDS = WITNESSED_KINDS.union(
+    {records.JOB_ARCHIVE, records.JOB_DUE}, *(feature.derived for feature in features())
+)
 
 
 def follows_from_others(entry: Entry) -> bool:
@@ -33,7 +32,7 @@ def follows_from_others(entry: Entry) -> bool:
 def is_known(facts: TeamFacts, entry: Entry) -> bool:
     """True if the facts already say the same, so that this entry adds nothing."""
     name, record, jobs = entry.name, entry.record, facts.jobs
-    if isinstance(record, AdoptedMission) and int(entry.parts[1]) < facts.declared.revision_number:
+    if (index := facts.index_of(entry)) is not None and index.says(entry):
         return True
     if isinstance(record, JobArchive):
         return jobs is not None and jobs.knows_archive(int(entry.parts[1]), record)

@@ -17,7 +17,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVa
 from mrbt_mesh.core.facts.values import (
     read_boolean,
     read_data,
-    read_document,
     read_fields,
     read_integer,
     read_reasons,
@@ -44,8 +43,6 @@ MAX_ARCHIVED = 500
 MAX_HASH = (1 << 53) - 1
 # The largest count of overtakings of one task: higher counts make no difference.
 MAX_OVERTAKEN = 1_000_000
-# The largest length of a compiled mission, in characters.
-MAX_MISSION = 250_000
 # The subjects of problems with the robot itself. All others are parts of its program.
 JOURNAL, CLOCK, NETWORK, PROCESS = "journal", "clock", "network", "process"
 ADDRESS, RECORDING = "address", "recording"
@@ -151,7 +148,7 @@ _PLAIN: Mapping[Any, Plain] = {
 _read_name = partial(read_text, limit=MAX_NAME)
 _read_lost = partial(read_reasons, most=MAX_CAPABILITIES, longest=MAX_REASON)
 _Name: TypeAlias = Annotated[str, Plain(_read_name)]
-_Reason: TypeAlias = Annotated[str, Plain(partial(read_text, limit=MAX_REASON))]
+Reason: TypeAlias = Annotated[str, Plain(partial(read_text, limit=MAX_REASON))]
 _Reasons: TypeAlias = Annotated[Mapping[str, str], Plain(_read_lost, texts_by_reason)]
 _Positive: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1))]
 _Texts: TypeAlias = Annotated[tuple[str, ...], Plain(_read_texts, list)]
@@ -473,7 +470,7 @@ class RobotProblem(Record):
     program: its bid, a function, the loop. Empty: the problem is solved.
     """
 
-    text: _Reason
+    text: Reason
 
 
 def problem_text(subject: str, text: str) -> str:
@@ -528,7 +525,7 @@ class JobEnd(Record):
     type: str
     arguments: _Texts
     operator: str
-    reason: _Reason
+    reason: Reason
     robots: _Texts
     stamp: int
     content: Annotated[int, Plain(_read_hash)] = 0
@@ -574,18 +571,6 @@ class JobArchive(Record):
         place = bisect_left(self.hashes, hashed)
         is_here = place < len(self.hashes) and self.hashes[place] == hashed
         return JOB_ENDS[self.ends[place]] if is_here and self.ends else None
-
-
-@dataclass(frozen=True, slots=True)
-class ProposedMission(Record):
-    """A revision of the mission. `text`: the compiled mission. `is_forced`: apply it even if that
-    cancels work or robots leave. `may_repeat`: apply it even if tasks that are done at most once,
-    and were begun, are begun again (`features.revisions.objections`).
-    """
-
-    text: Annotated[str, Plain(partial(read_document, limit=MAX_MISSION))]
-    is_forced: bool
-    may_repeat: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -646,7 +631,7 @@ def _read_name_of_operator(value: Any) -> str:
     return text
 
 
-def _read_true(value: Any) -> bool:
+def read_true(value: Any) -> bool:
     if value is not True:
         raise ValueError(f"true expected, found {shown(value)}")
     return True
@@ -657,27 +642,6 @@ def _read_team_order(value: Any) -> TeamOrder:
     if order is TeamOrder.ABORT:
         raise ValueError("an abort is a field of its own")
     return order
-
-
-@dataclass(frozen=True, slots=True)
-class HeldMission(Record):
-    """The revision that the author would take up, or why it does not. `digest`: empty for none.
-    `in_force`: the revision that it acts by.
-    """
-
-    number: int
-    digest: str
-    problem: _Reason
-    in_force: int
-
-
-@dataclass(frozen=True, slots=True)
-class AdoptedMission(Record):
-    """All robots have held this revision, so it is in force."""
-
-    digest: str
-
-    write_once: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -701,10 +665,9 @@ LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 # The author of what operators command; not a robot id.
 OPERATORS = "@operators"
 # Fields of commands; features have more. For the team: PAUSED, ABORTED. By job id: JOB (submitted),
-# JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED. By revision number: MISSION (proposed), MISSION_WITHDRAWN.
+# JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED.
 PAUSED, ABORTED = "paused", "aborted"
 JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED = "job", "job_hold", "job_priority", "job_cancelled"
-MISSION, MISSION_WITHDRAWN = "mission", "mission_withdrawn"
 MEMBER, CLAIM, RESULT = "member", "claim", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
 # LATCHED_FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
@@ -730,9 +693,8 @@ RESULTS_IN_JOBS = frozenset({OUTCOME, LATCHED_FAILURE, EXPIRED})
 # reported time.
 SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
 OVERTAKEN, TEAM_TIME = "overtaken", "team_time"
-# A revision of the mission is in force, by number; which one the author holds.
-MISSION_ADOPTED, MISSION_HELD = "mission_adopted", "mission_held"
-MISSION_KINDS = frozenset({MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED, MISSION_HELD})
+# Kinds of features that have a place, and count, whichever mission of the team is in force.
+IN_ANY_MISSION = frozenset(kind for feature in features() for kind in feature.in_any_mission)
 
 
 def _command_type(is_once: bool) -> type[OperatorCommand]:
@@ -743,15 +705,13 @@ def _command_type(is_once: bool) -> type[OperatorCommand]:
 # the first command counts. `_AGAIN`: the newest command counts.
 _ONCE: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     JOB: (Job.parse, 2),
-    MISSION: (ProposedMission.parse, 2),
 }
 _AGAIN: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     PAUSED: (_read_team_order, 1),
-    ABORTED: (_read_true, 1),
+    ABORTED: (read_true, 1),
     JOB_HOLD: (Hold, 2),
     JOB_PRIORITY: (_priority, 2),
-    JOB_CANCELLED: (_read_true, 2),
-    MISSION_WITHDRAWN: (_read_true, 2),
+    JOB_CANCELLED: (read_true, 2),
 }
 # Kind -> its parser, and the numbers of parts that a name may have: kind / condition, scope or
 # activation / local task or position / party
@@ -772,8 +732,6 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     TRAVEL_TIMES: (TravelTimes.parse, (1,)),
     OVERTAKEN: (Overtaken.parse, (1,)),
     TEAM_TIME: (TeamTime.parse, (1,)),
-    MISSION_HELD: (HeldMission.parse, (1,)),
-    MISSION_ADOPTED: (AdoptedMission.parse, (2,)),
     **{
         field: (partial(FirstCommand.read, read), (count,))
         for field, (read, count) in _ONCE.items()
@@ -791,7 +749,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     **{
         kind: (partial(feature.parse, kind), (count,))
         for feature in features()
-        for kind, count in feature.kinds.items()
+        for kind, count in (*feature.kinds.items(), *feature.team_kinds.items())
     },
 }
 COMMANDS = frozenset({*_ONCE, *_AGAIN, *(f for each in features() for f in each.commands)})

@@ -38,12 +38,11 @@ from mrbt_mesh.core.facts.records import (
     TravelTimes,
     stamp_of,
 )
-from mrbt_mesh.core.facts.revisions import Revisions
 from mrbt_mesh.core.facts.stamps import Counts, Stamps
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed, task_of_activation
-from mrbt_mesh.core.feature import Index, JointFacts, features
+from mrbt_mesh.core.feature import Index, JointFacts, features, overrides
 from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.jobs import OpenJob, place_at, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
@@ -90,8 +89,7 @@ class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
     `declared`: the mission in force, as in its file. `jobs`: None if the mission has no job types.
-    `revisions`: the facts about missions that replace it. `is_revised`: there are such facts, or
-    the mission in force is a revision. `activations`: name -> the facts of the activation.
+    `indexes`: those of features, by class. `activations`: name -> the facts of the activation.
     `problems`: robot -> its journal or a part of its program -> what is wrong with it. `changes`
     counts all changes of the map, `outcome_changes` those of outcomes. `me`: the robot that holds
     the facts, if any.
@@ -101,13 +99,10 @@ class TeamFacts:
         self.run = run
         self.me = me
         self.map = FactMap()
-        self.revisions = Revisions()
         self._stamps = Stamps(me)
         self._counts = Counts()
         self.changes = 0
         self.outcome_changes = 0
-        self._has_news_of_mission = False
-        self.is_revised = mission.revision is not None
         # Robots that an earlier mission named but the one in force does not: they have left.
         self.removed_robots: frozenset[str] = frozenset()
         self._begin(mission)
@@ -137,12 +132,16 @@ class TeamFacts:
         self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
         self._order, self._is_aborted = TeamOrder.RESUME, False
         # The indices of features: by class; and by the kind of entry.
-        self._indexes: dict[type[Index], Index] = {}
+        self.indexes: dict[type[Index], Index] = {}
         self._index_of: dict[str, Index] = {}
         for feature in features():
             if (index := feature.index(mission)) is not None:
-                self._indexes[type(index)] = index
-                self._index_of |= dict.fromkeys((*feature.commands, *feature.kinds), index)
+                self.indexes[type(index)] = index
+                kinds = *feature.activation_kinds(), *feature.other_kinds()
+                self._index_of |= dict.fromkeys(kinds, index)
+        indexes = self.indexes.values()
+        self._successors = [i.successor for i in indexes if overrides(i, Index, "successor")]
+        self._droppers = [i.obsolete for i in indexes if overrides(i, Index, "obsolete")]
         self._results: dict[str, MissionResult] = {}
         # Entries that are ignored while this mission is in force, and whether `prune` must check
         # them.
@@ -156,12 +155,11 @@ class TeamFacts:
     def begin_with(self, mission: Mission) -> None:
         """Read facts by another mission of this team from now on. There must be no facts yet."""
         assert not len(self.map)
-        self.is_revised = mission.revision is not None
         self._begin(mission)
         self.changes += 1
 
     def _take_up(self, mission: Mission) -> None:
-        """Put a revision in force: read all facts by it."""
+        """Put another mission of the team in force: read all facts by it."""
         self.removed_robots = (self.removed_robots | self.declared.robot_ids) - mission.robot_ids
         self._begin(mission)
         self.changes += 1
@@ -175,7 +173,6 @@ class TeamFacts:
         if authors == self.revoked:
             return
         self.revoked = authors
-        self.revisions = Revisions()
         self._begin(self.declared)
         self.changes += 1
         self.outcome_changes += 1
@@ -268,14 +265,18 @@ class TeamFacts:
         """The index of a feature in this mission, by the class of the index. Raises KeyError if the
         feature has none.
         """
-        found = self._indexes[kind]
+        found = self.indexes[kind]
         assert isinstance(found, kind)
         return found
+
+    def index_of(self, entry: Entry) -> Index | None:
+        """The index of the feature that an entry is of, if it has one."""
+        return self._index_of.get(entry.parts[0])
 
     def idle(self, reasons: Mapping[str, str]) -> Mapping[str, str]:
         """Return better reasons, from features, why some of these robots are idle."""
         better: dict[str, str] = {}
-        for index in self._indexes.values():
+        for index in self.indexes.values():
             better |= index.idle(reasons)
         return better
 
@@ -468,14 +469,14 @@ class TeamFacts:
         return keys
 
     def obsolete(self, activations: Collection[str]) -> list[tuple[str, str]]:
-        """(author, name) of the facts of these activations, of jobs and of revisions that nothing
+        """(author, name) of the facts of these activations, of jobs and of features that nothing
         reads any more, sorted.
         """
         found = [self.activations[name] for name in activations if name in self.activations]
         obsolete = [each for each in found if self.is_obsolete(each.activation)]
         keys = [key for each in obsolete for key in each.keys]
-        if self.is_revised:
-            keys += self.revisions.obsolete(self.declared.revision_number)
+        for dropped in self._droppers:
+            keys += dropped()
         if self._may_drop_unbelieved:
             keys += [key for key, entry in self._unbelieved.items() if self.is_past(entry)]
         return sorted([*keys, *(self.jobs.obsolete if self.jobs is not None else ())])
@@ -518,7 +519,7 @@ class TeamFacts:
         key = (new.author, new.name)
         was_believed = old is not None and self._unbelieved.pop(key, None) is None
         record: Record | None = new.record
-        if self.declared.revision is not None and new.parts[0] not in records.MISSION_KINDS:
+        if self.declared.revision is not None and new.parts[0] not in records.IN_ANY_MISSION:
             record = believed(new, self.declared, self.run)
             self._see_stamp(new)
         if new.author in self.revoked:
@@ -560,11 +561,9 @@ class TeamFacts:
                 self._believe(old, new)
             elif old is not None:
                 self._remove(old)
-        if self._has_news_of_mission:
-            self._has_news_of_mission = False
-            found = self.revisions.adopted(self.declared.revision_number)
-            if found is not None:
-                self._take_up(found)
+        found = [mission for successor in self._successors if (mission := successor()) is not None]
+        if found:
+            self._take_up(found[0])
 
     def _add(self, entry: Entry) -> None:
         kind = entry.parts[0]
@@ -574,25 +573,22 @@ class TeamFacts:
             self._add_to_job(entry, self.jobs)
         if kind in ACTIVATION_KINDS:
             self._add_to_activation(entry)
-        elif kind in records.MISSION_KINDS:
-            self.revisions.add(entry)
-            self.is_revised = self._has_news_of_mission = True
+        elif (index := self._index_of.get(kind)) is not None:
+            index.add(entry)
         elif isinstance(entry.record, OperatorCommand):
-            self._add_command(kind, entry, entry.record)
+            self._add_command(kind, entry.record)
         else:
             self._add_record(entry)
         if isinstance(entry.record, OperatorCommand):
             self._see_stamp(entry)
 
-    def _add_command(self, field: str, entry: Entry, command: OperatorCommand) -> None:
-        """Add a command to the team, or a command of a feature."""
+    def _add_command(self, field: str, command: OperatorCommand) -> None:
+        """Add a command to the team."""
         match field:
             case records.PAUSED:
                 self._order = TeamOrder(command.value)
             case records.ABORTED:
                 self._is_aborted = True
-            case _ if (index := self._index_of.get(field)) is not None:
-                index.add(entry)
 
     def _add_record(self, entry: Entry) -> None:
         author, record, incarnation = entry.author, entry.record, entry.version.incarnation
@@ -683,12 +679,13 @@ class TeamFacts:
 
     def _remove(self, entry: Entry) -> None:
         """Remove a dropped entry: of an activation (all of its entries go together), of a job, of
-        an earlier revision, or one that is not believed and so is in no index.
+        a feature, or one that is not believed and so is in no index.
         """
         if self._unbelieved.pop((entry.author, entry.name), None) is not None:
             return
-        if entry.parts[0] in records.MISSION_KINDS:
-            self.revisions.remove(entry)
+        index = self._index_of.get(entry.parts[0])
+        if index is not None and entry.parts[0] not in ACTIVATION_KINDS:
+            index.remove(entry)
             return
         name = entry.parts[1]
         if self.jobs is not None and entry.parts[0] == records.JOB_ARCHIVE:
@@ -703,7 +700,7 @@ class TeamFacts:
             return
         said = self.activations[name]
         self._note_result(said, entry, is_known=False)
-        if (index := self._index_of.get(entry.parts[0])) is not None:
+        if index is not None:
             index.remove(entry)
         del said.keys[entry.author, entry.name]
         if not said.keys:

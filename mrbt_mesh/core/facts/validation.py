@@ -32,19 +32,15 @@ from mrbt_mesh.core.facts.records import (
     OperatorCommand,
     Overtaken,
     Proposal,
-    ProposedMission,
     Record,
     TeamTime,
     TravelTimes,
 )
-from mrbt_mesh.core.facts.revisions import MAX_DIGITS as MISSION_DIGITS
-from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.jobs import task_of_job, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
 from mrbt_mesh.core.mission.names import is_argument, is_job_id, is_robot_id
-from mrbt_mesh.errors import FileError
 
 # The number of an archive has fewer digits than this.
 MAX_DIGITS = 16
@@ -59,11 +55,12 @@ ACTIVATION_KINDS = {
     **{kind: frozenset({Kind.ACTION}) for each in features() for kind in each.activation_kinds()},
 }
 _FEATURE_OF = {kind: feature for feature in features() for kind in feature.activation_kinds()}
+_OF_NO_ACTIVATION = {kind: feature for feature in features() for kind in feature.other_kinds()}
 
 
 def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
     """Why a robot that runs this mission refuses this entry; None if it accepts it."""
-    if mission.revision is None or entry.parts[0] in records.MISSION_KINDS:
+    if mission.revision is None or entry.parts[0] in records.IN_ANY_MISSION:
         return no_place_reason(entry, mission, run)
     return _refuse_author(entry) or _refuse_in_any_mission(entry, entry.parts, run)
 
@@ -139,8 +136,8 @@ def _refuse_by_kind(entry: Entry, mission: Mission, run: str) -> str | None:
         return _refuse_archive(parts[1]) if mission.jobs else "this mission has no jobs"
     if parts[0] in records.JOB_KINDS:
         return _refuse_of_job(entry, parts[1], mission)
-    if parts[0] in records.MISSION_KINDS:
-        return _refuse_of_mission(entry, parts, mission)
+    if parts[0] in _OF_NO_ACTIVATION:
+        return _OF_NO_ACTIVATION[parts[0]].misplaced(entry, mission) or None
     return _refuse_of_robot(entry, mission, run)
 
 
@@ -175,22 +172,6 @@ def _refuse_author(entry: Entry) -> str:
     if is_of_robot and not is_robot_id(subject[0]):
         return f"{subject[0]!r:.80} is not a robot's id"
     return ""
-
-
-def _refuse_of_mission(entry: Entry, parts: tuple[str, ...], mission: Mission) -> str | None:
-    """Check that a revision is one of this team's mission and can be parsed."""
-    if len(parts) > 1 and not (parts[1].isdecimal() and len(parts[1]) <= MISSION_DIGITS):
-        return f"{parts[1]!r:.80} is not a number of a revision"
-    record = entry.record.value if isinstance(entry.record, OperatorCommand) else None
-    if not isinstance(record, ProposedMission):
-        return None
-    try:
-        found = read_mission(record.text)
-    except FileError as error:
-        return f"a revision that cannot be read: {error}"
-    if found.team_digest != mission.team_digest or found.revision_number != int(parts[1]):
-        return f"revision {parts[1]} is one of another mission"
-    return None
 
 
 def _refuse_claim(claim: Claim, mission: Mission, run: str) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.derived import WITNESSED_KINDS, follows_from_others, is_known
-from mrbt_mesh.core.facts.records import MISSION_KINDS, OPERATORS
+from mrbt_mesh.core.facts.records import IN_ANY_MISSION, OPERATORS
 from mrbt_mesh.core.facts.store import (
     BatchProof,
     Entry,
@@ -218,11 +218,11 @@ class Replica:
     ) -> Received:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
         entries = list(entries)
-        # Other entries may be valid only under a mission revision that comes with them.
-        missions = [entry for entry in entries if entry.parts[0] in MISSION_KINDS]
+        # Other entries may be valid only under a mission that comes with them.
+        missions = [entry for entry in entries if entry.parts[0] in IN_ANY_MISSION]
         if missions:
             self._merge_some(missions, received, source, is_own_record)
-            entries = [entry for entry in entries if entry.parts[0] not in MISSION_KINDS]
+            entries = [entry for entry in entries if entry.parts[0] not in IN_ANY_MISSION]
         self._merge_some(entries, received, source, is_own_record)
         if received.changed:
             self.anti_entropy.changed_us = now_us

@@ -12,7 +12,7 @@ from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.derived import is_known
-from mrbt_mesh.core.facts.records import AdoptedMission, MissionResult
+from mrbt_mesh.core.facts.records import MissionResult
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 
@@ -36,19 +36,10 @@ class DerivedFacts:
 
     def _follows(self, entry: Entry) -> bool:
         evaluation = self._evaluation
-        match entry.record:
-            case MissionResult(success):
-                return evaluation.status is (Status.SUCCESS if success else Status.FAILURE)
-            case AdoptedMission(digest):
-                return self._is_held_by_all(int(entry.parts[1]), digest)
+        if isinstance(entry.record, MissionResult):
+            ended = Status.SUCCESS if entry.record.success else Status.FAILURE
+            return evaluation.status is ended
+        if (index := self._facts.index_of(entry)) is not None:
+            return index.shows(entry, self._alive)
         is_failure = entry.parts[0] == records.LATCHED_FAILURE
         return is_failure and entry.parts[1] in evaluation.failures
-
-    def _is_held_by_all(self, number: int, digest: str) -> bool:
-        revisions = self._facts.revisions
-        pending = revisions.pending(self._facts.declared.revision_number)
-        return (
-            pending is not None
-            and (pending[1].revision_number, pending[1].digest) == (number, digest)
-            and revisions.is_held_by_all(pending[1], self._alive)
-        )

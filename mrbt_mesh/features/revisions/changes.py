@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import KnownMember, TeamFacts
@@ -17,6 +16,8 @@ from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.jobs import OpenJob, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd, performance
 from mrbt_mesh.core.mission.names import THIS_JOB, bound
+from mrbt_mesh.features.revisions.facts import Revisions
+from mrbt_mesh.features.revisions.kinds import KINDS, MAX_MISSION
 from mrbt_mesh.features.revisions.revise import RevisionError, revise
 
 
@@ -74,7 +75,7 @@ def _name_of(subject: str, job: str) -> str:
 def facts_under(facts: TeamFacts, mission: Mission) -> TeamFacts:
     """The facts as they would be read with this revision in force."""
     found = TeamFacts(mission, facts.run)
-    found.map.merge(each for each in facts.map if each.parts[0] not in records.MISSION_KINDS)
+    found.map.merge(each for each in facts.map if each.parts[0] not in KINDS)
     found.prune()
     for name, (member, incarnation) in found.members.items():
         robot = mission.robots.get(name)
@@ -88,11 +89,11 @@ def as_revision(facts: TeamFacts, mission: Mission) -> Mission:
     """The mission as the next revision of the one in force; raises RevisionError if no team could
     take it up.
     """
-    found = revise(facts.declared, mission, facts.revisions.last_number + 1)
+    found = revise(facts.declared, mission, facts.index(Revisions).last_number + 1)
     size = len(compile_mission(found))
-    if size > records.MAX_MISSION:
-        most = records.MAX_MISSION
-        raise RevisionError(f"compiled it has {size} characters, and a revision at most {most}")
+    if size > MAX_MISSION:
+        text = f"compiled it has {size} characters, and a revision at most {MAX_MISSION}"
+        raise RevisionError(text)
     return found
 
 

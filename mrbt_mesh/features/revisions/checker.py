@@ -10,11 +10,12 @@ from mrbt_mesh.core.agent.effects import Effect, StartAction
 from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.features.revisions.changes import is_at_work, revision_changes
+from mrbt_mesh.features.revisions.facts import Revisions
+from mrbt_mesh.features.revisions.kinds import KINDS
 from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
 from mrbt_mesh.sim.checkers.findings import RunFindings, joined
 from mrbt_mesh.sim.world.process import SimProcess
@@ -31,7 +32,7 @@ class Revised(FeatureChecker):
     def handling(self, process: SimProcess, agent: AgentView, event: Input) -> None:
         facts = agent.facts
         in_force = facts.declared.revision_number
-        is_proposed = facts.revisions.last_number > in_force
+        is_proposed = facts.index(Revisions).last_number > in_force
         self._before = (facts.declared, list(facts.map)) if is_proposed else None
 
     def stepped(self, agent: AgentView) -> None:
@@ -40,7 +41,7 @@ class Revised(FeatureChecker):
             return
         before = TeamFacts(self._before[0], facts.run)
         for entries in (self._before[1], facts.map):
-            before.map.merge(each for each in entries if each.parts[0] not in MISSION_KINDS)
+            before.map.merge(each for each in entries if each.parts[0] not in KINDS)
         told = revision_changes(before, facts.declared)
         self.run.checks["I11"] += 1
         lost = [

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from mrbt_mesh.core.facts.records import MISSION, MISSION_WITHDRAWN
-from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.features.revisions.changes import as_revision
+from mrbt_mesh.features.revisions.facts import Revisions, read_mission
+from mrbt_mesh.features.revisions.kinds import MISSION, MISSION_WITHDRAWN
 from mrbt_mesh.features.revisions.revise import RevisionError, revise
 from mrbt_mesh.sim.world.faults import Revise
 from mrbt_mesh.sim.world.team_commands import Propose
@@ -31,7 +31,8 @@ def next_revision(facts: TeamFacts, mission: Mission) -> Mission | str:
 
 def revision_of(facts: TeamFacts, fault: Revise) -> Mission:
     """The mission that a fault proposes as the next revision."""
-    return revise(facts.declared, read_mission(fault.mission), facts.revisions.last_number + 1)
+    number = facts.index(Revisions).last_number + 1
+    return revise(facts.declared, read_mission(fault.mission), number)
 
 
 def proposal(revision: Mission, given: Revise | Propose) -> tuple[str, str, list[Any]]:
@@ -52,10 +53,10 @@ def is_in_force(facts: TeamFacts, revision: Mission) -> bool:
 
 def void_reason(facts: TeamFacts, revision: Mission) -> str:
     """Why a proposal can no longer be adopted; empty if it can."""
-    return facts.revisions.void_reason(revision.revision_number)
+    return facts.index(Revisions).void_reason(revision.revision_number)
 
 
 def awaited(facts: TeamFacts, revision: Mission, robots: Collection[str]) -> list[str]:
     """The robots that must still hold a revision which is not in force; sorted."""
     in_force = facts.declared.revision_number
-    return facts.revisions.awaited(revision.revision_number, in_force, robots)
+    return facts.index(Revisions).awaited(revision.revision_number, in_force, robots)

@@ -14,16 +14,7 @@ from typing import Any
 from mrbt_mesh.core.agent.inputs import FeatureInput
 from mrbt_mesh.core.agent.operator_desk import FieldRule, RefusalError
 from mrbt_mesh.core.agent.operator_messages import CONFLICT, ENDED, NOT_READY
-from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import (
-    MAX_MISSION,
-    AdoptedMission,
-    Claim,
-    HeldMission,
-    OperatorCommand,
-    ProposedMission,
-)
-from mrbt_mesh.core.facts.revisions import read_mission
+from mrbt_mesh.core.facts.records import Claim, OperatorCommand
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.feature import Kit, Part
 from mrbt_mesh.core.membership.timing import Timing
@@ -32,8 +23,17 @@ from mrbt_mesh.core.mission.mission import Mission, majority
 from mrbt_mesh.core.mission.planner_need import planner_problem
 from mrbt_mesh.errors import FileError
 from mrbt_mesh.features.revisions.changes import revision_changes
+from mrbt_mesh.features.revisions.facts import Revisions, read_mission
+from mrbt_mesh.features.revisions.kinds import (
+    MAX_MISSION,
+    MISSION,
+    MISSION_ADOPTED,
+    MISSION_HELD,
+    MISSION_WITHDRAWN,
+)
 from mrbt_mesh.features.revisions.messages import CHECK_REVISION, CheckMission, MissionChecked
 from mrbt_mesh.features.revisions.objections import objections
+from mrbt_mesh.features.revisions.records import AdoptedMission, HeldMission, ProposedMission
 
 
 def size_problem(before: Mission, after: Mission, timing: Timing) -> str:
@@ -56,6 +56,11 @@ class Reviser(Part):
         self._asked = ""
         self._answer: str | None = None
 
+    @property
+    def _revisions(self) -> Revisions:
+        """The present index, which is replaced when a revision is in force or a key revoked."""
+        return self._context.facts.index(Revisions)
+
     def handlers(self) -> Mapping[type[FeatureInput], Callable[[Any, int], object]]:
         return {MissionChecked: self._checked}
 
@@ -68,13 +73,13 @@ class Reviser(Part):
     def rules(self) -> Mapping[str, FieldRule]:
         state = self._state
         return {
-            records.MISSION: FieldRule(state, self._check_proposal, self._is_proposed),
-            records.MISSION_WITHDRAWN: FieldRule(state, self._check_withdrawal),
+            MISSION: FieldRule(state, self._check_proposal, self._is_proposed),
+            MISSION_WITHDRAWN: FieldRule(state, self._check_withdrawal),
         }
 
     def _state(self, number: str) -> dict[str, Any]:
         """A revision's state. `proposed`: the digest of the mission proposed under this number."""
-        revisions, in_force = self._context.facts.revisions, self._context.mission.revision_number
+        revisions, in_force = self._revisions, self._context.mission.revision_number
         proposed = revisions.proposed(int(number))
         return {
             "proposed": read_mission(proposed.text).digest if proposed is not None else "",
@@ -85,14 +90,14 @@ class Reviser(Part):
     def _is_proposed(self, entry: Entry) -> bool:
         """True if this very mission is proposed. Raises RefusalError if another one is."""
         number = int(entry.parts[1])
-        found = self._context.facts.revisions.proposed(number)
+        found = self._revisions.proposed(number)
         if found is not None and found != _proposal(entry):
             text = f"another revision {number} is proposed; look at it, and propose yours again"
             raise RefusalError(text, CONFLICT)
         return found is not None
 
     def _check_proposal(self, entry: Entry, _: int) -> None:
-        context, revisions = self._context, self._context.facts.revisions
+        context, revisions = self._context, self._revisions
         number, next_number = int(entry.parts[1]), revisions.last_number + 1
         if context.mission.revision_number < number < next_number:
             # It may be this very proposal: its operator asks again, and other robots were quicker.
@@ -117,8 +122,8 @@ class Reviser(Part):
         return True, json.dumps({"problem": problem})
 
     def _check_withdrawal(self, entry: Entry, _: int) -> None:
-        context, in_force = self._context, self._context.mission.revision_number
-        pending, number = context.facts.revisions.pending(in_force), entry.parts[1]
+        in_force = self._context.mission.revision_number
+        pending, number = self._revisions.pending(in_force), entry.parts[1]
         if pending is None or str(pending[1].revision_number) != number:
             text = f"revision {number[:20]!r} is not proposed; {in_force} is in force"
             raise RefusalError(text, ENDED)
@@ -129,24 +134,23 @@ class Reviser(Part):
             self._answer = event.problem
 
     def may_begin(self, claim: Claim, now_us: int) -> bool:
-        facts = self._context.facts
-        if not facts.is_revised:
+        revisions = self._revisions
+        if not revisions.is_used:
             return True
-        number = facts.declared.revision_number
-        return facts.revisions.pending(number) is None and facts.revisions.all_act_by(
-            number, self._context.alive()
-        )
+        number = self._context.facts.declared.revision_number
+        alive = self._context.alive()
+        return revisions.pending(number) is None and revisions.all_act_by(number, alive)
 
     def taken_up(self, mission: Mission) -> None:
         self._context.log("info", "revision_taken_up", number=mission.revision_number)
 
     def agree(self, now_us: int) -> None:
         """Write which revision this robot holds and acts by, and that one is in force."""
-        if self._context.facts.is_revised:
+        if self._revisions.is_used:
             self._write(now_us)
 
     def _write(self, now_us: int) -> None:
-        context, revisions = self._context, self._context.facts.revisions
+        context, revisions = self._context, self._revisions
         in_force = context.facts.declared.revision_number
         held, pending = revisions.held_by(context.me), revisions.pending(in_force)
         number, digest, problem = held.number, held.digest, held.problem
@@ -159,7 +163,7 @@ class Reviser(Part):
         acts_by = held.in_force if context.work.is_stopping else in_force
         mine = HeldMission(number, digest, problem, acts_by)
         if mine != held:
-            context.write([(records.MISSION_HELD, mine)], now_us)
+            context.write([(MISSION_HELD, mine)], now_us)
         alive = context.alive()
         if (
             pending is not None
@@ -170,7 +174,7 @@ class Reviser(Part):
             number, digest = pending[1].revision_number, pending[1].digest
             adopted = AdoptedMission(digest)
             context.log("info", "revision_adopted", number=number)
-            context.write([(f"{records.MISSION_ADOPTED}/{number}", adopted)], now_us)
+            context.write([(f"{MISSION_ADOPTED}/{number}", adopted)], now_us)
 
     def _may_adopt(self, alive: Collection[str]) -> bool:
         """True if enough robots are alive. For a task that is done at most once, no majority may be

@@ -12,13 +12,13 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.jobs import job_of
 from mrbt_mesh.core.facts.records import (
+    IN_ANY_MISSION,
     JOB_END,
-    MISSION_KINDS,
     Outcome,
     split_name,
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
-from mrbt_mesh.core.facts.team_facts import OF_JOBS
+from mrbt_mesh.core.facts.team_facts import OF_JOBS, TeamFacts
 from mrbt_mesh.core.facts.validation import (
     ACTIVATION_KINDS,
     believed,
@@ -115,13 +115,19 @@ def stands(agent: AgentView, entry: Entry) -> bool:
 def is_revised_away(agent: AgentView, entry: Entry) -> bool:
     """Whether no revision can have a place for this entry any more."""
     facts, parts = agent.facts, entry.parts
-    if not facts.is_revised:
-        return False
-    if parts[0] in MISSION_KINDS:
+    if parts[0] in IN_ANY_MISSION:
         return len(parts) > 1 and int(parts[1]) < facts.declared.revision_number
     if facts.declared.revision is None:
-        return no_place_reason(entry, facts.declared, facts.run) is not None
+        has_no_place = no_place_reason(entry, facts.declared, facts.run) is not None
+        return has_no_place and _knows_revisions(facts)
     return believed(entry, facts.declared, facts.run) is None and facts.is_past(entry)
+
+
+def _knows_revisions(facts: TeamFacts) -> bool:
+    """Whether another mission was in force before, or may be soon."""
+    return facts.declared.revision is not None or any(
+        entry.parts[0] in IN_ANY_MISSION for entry in facts.map
+    )
 
 
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:
@@ -129,7 +135,7 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     parts = entry.parts
     if is_revised_away(agent, entry):
         return True
-    if parts[0] in MISSION_KINDS:
+    if parts[0] in IN_ANY_MISSION:
         return False
     jobs = agent.facts.jobs
     name = job_of(entry) if jobs is not None and parts[0] in OF_JOBS else ""
@@ -146,7 +152,8 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
 def _is_gone(agent: AgentView, activation: str) -> bool:
     """Whether no evaluation can reach an activation, as of a node that a revision does not have."""
     facts = agent.facts
-    if facts.is_revised and not has_activation(facts.declared, activation, facts.run):
+    is_known = has_activation(facts.declared, activation, facts.run)
+    if not is_known and _knows_revisions(facts):
         return True
     return facts.is_obsolete(parse_activation(activation))
 

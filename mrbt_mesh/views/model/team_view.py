@@ -13,6 +13,7 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import name_order
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.features.revisions.facts import Revisions
 from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.observer.forecast import forecast_of
 from mrbt_mesh.observer.headline import headline, robots_that_differ
@@ -201,13 +202,13 @@ class TeamState:
 
         None if there is none.
         """
-        facts, in_force = self.observer.facts, self._mission.revision_number
-        pending = facts.revisions.pending(in_force) if facts.is_revised else None
+        revisions, in_force = self.observer.facts.index(Revisions), self._mission.revision_number
+        pending = revisions.pending(in_force) if revisions.is_used else None
         if pending is None or self.observer.is_over:
             return None
         number = pending[1].revision_number
-        robots = facts.revisions.awaited(number, in_force, self.observer.membership.members())
-        by = facts.revisions.proposer(number)
+        robots = revisions.awaited(number, in_force, self.observer.membership.members())
+        by = revisions.proposer(number)
         return {"number": number, "by": by, "awaited": sorted(robots, key=name_order)}
 
     def _robot(self, robot: str, differ: dict[str, Any], now_us: int) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from mrbt_mesh.core.facts.records import (
     Attempt,
     ConditionValue,
     ExpressionRevision,
-    HeldMission,
     Record,
 )
 from mrbt_mesh.core.facts.stamps import MAX_CHANGES_AHEAD, MAX_STAMPS_AHEAD, Stamps
@@ -19,6 +18,8 @@ from mrbt_mesh.core.facts.values import MAX_STAMP
 from mrbt_mesh.core.membership.replica import TOO_FAR_AHEAD, Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header
+from mrbt_mesh.features.revisions.facts import Revisions
+from mrbt_mesh.features.revisions.records import HeldMission
 from tests.support import build
 from tests.support.build import RUN, action, condition, fallback, sequence
 
@@ -136,10 +137,10 @@ def test_a_guard_goes_on_although_somebody_claims_to_have_read_later_conditions(
 def test_the_next_number_of_a_revision_is_not_one_that_a_single_robot_claims() -> None:
     team = Team(*ROBOTS)
     team.write("LIAR", "mission_held", HeldMission(MAX_STAMP, "", "", 0))
-    assert team.replicas["A"].facts.revisions.last_number == 0
+    assert team.replicas["A"].facts.index(Revisions).last_number == 0
     for robot in ("A", "B"):
         team.write(robot, "mission_held", HeldMission(3, "", "", 3))
-    assert team.replicas["A"].facts.revisions.last_number == 3
+    assert team.replicas["A"].facts.index(Revisions).last_number == 3
 
 
 def test_a_robot_does_not_write_what_others_and_its_own_journal_would_refuse() -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.facts.records import HeldMission, Outcome
+from mrbt_mesh.core.facts.records import Outcome
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header
+from mrbt_mesh.features.revisions.facts import Revisions
+from mrbt_mesh.features.revisions.records import HeldMission
 from tests.support import build
 from tests.support.build import RUN, World, action, sequence
 from tests.support.keys import keys_of, manifest_of
@@ -46,9 +48,9 @@ def test_it_has_no_say_in_revisions() -> None:
     facts = TeamFacts(build.make_mission(TREE, ROBOTS), RUN)
     version = Version(Incarnation(1, "n"), 1)
     facts.map.merge([make_entry("R3", "mission_held", version, HeldMission(1, "d", "no", 0))])
-    assert facts.revisions.void_reason(1)
+    assert facts.index(Revisions).void_reason(1)
     facts.set_revoked(frozenset({"R3"}))
-    assert not facts.revisions.void_reason(1)
+    assert not facts.index(Revisions).void_reason(1)
 
 
 def test_a_replica_goes_by_the_manifest_once_the_robot_is_not_alive() -> None:

@@ -6,11 +6,11 @@ import random
 
 import pytest
 
-from mrbt_mesh.core.facts.records import AdoptedMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.features.revisions.changes import is_at_work, revision_changes
+from mrbt_mesh.features.revisions.records import AdoptedMission
 from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.chaos.generate import generate_mission

@@ -18,12 +18,12 @@ from mrbt_mesh.core.agent.operator_messages import (
     command_version,
     operate_body,
 )
-from mrbt_mesh.core.facts.records import HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.feature import Kit
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.features.revisions.messages import CHECK_REVISION, CheckMission
+from mrbt_mesh.features.revisions.records import HeldMission
 from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.features.revisions.reviser import Reviser
 from mrbt_mesh.formats.build import mission_from_yaml

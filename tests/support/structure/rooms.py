@@ -33,7 +33,7 @@ OWN_FILES: Mapping[str, str] = {
     "jobs": r"jobs?|job_\w+|jobs_on_disk",
     "keys": r"keys|envelope|sealing|signed_reports",
     "large_teams": r"ring",
-    "revisions": r"revisions",
+    "revisions": r"nothing",
     "travel": r"travel|scheduler|schedules|ahead|forecast|order|problem|dispatch|search|task_order",
     "values": r"nothing",
 }

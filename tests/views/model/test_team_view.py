@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.facts.records import HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.features.revisions.records import HeldMission
 from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.observer.job_log import JobHistory
 from mrbt_mesh.observer.job_rows import JobRow

@@ -7,24 +7,25 @@ proposal is void if a robot refuses it or two were made at once: the next one ha
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 
-from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import (
-    AdoptedMission,
-    HeldMission,
-    OperatorCommand,
-    ProposedMission,
-)
+from mrbt_mesh.core.facts.records import OPERATORS, Job, OperatorCommand
 from mrbt_mesh.core.facts.stamps import second_greatest
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.feature import Index
 from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.errors import FileError
+from mrbt_mesh.features.revisions.kinds import (
+    MAX_DIGITS,
+    MISSION,
+    MISSION_ADOPTED,
+    MISSION_WITHDRAWN,
+)
+from mrbt_mesh.features.revisions.records import AdoptedMission, HeldMission, ProposedMission
 
 _NONE = HeldMission(0, "", "", 0)
-# The most digits of a revision number.
-MAX_DIGITS = 9
 
 
 @lru_cache(maxsize=16)
@@ -33,10 +34,35 @@ def read_mission(text: str) -> Mission:
     return mission_from_compiled(text, "revision")
 
 
-class Revisions:
-    """The facts about revisions of one mission."""
+def misplaced(entry: Entry, mission: Mission) -> str:
+    """Why this team has no place for a fact about a revision: it is one of another team's mission,
+    or cannot be parsed. Empty: it has.
+    """
+    parts = entry.parts
+    if len(parts) > 1 and not (parts[1].isdecimal() and len(parts[1]) <= MAX_DIGITS):
+        return f"{parts[1]!r:.80} is not a number of a revision"
+    record = entry.record.value if isinstance(entry.record, OperatorCommand) else None
+    if not isinstance(record, ProposedMission):
+        return ""
+    try:
+        found = read_mission(record.text)
+    except FileError as error:
+        return f"a revision that cannot be read: {error}"
+    if found.team_digest != mission.team_digest or found.revision_number != int(parts[1]):
+        return f"revision {parts[1]} is one of another mission"
+    return ""
 
-    def __init__(self) -> None:
+
+class Revisions(Index):
+    """The facts about revisions, while one mission of a team is in force.
+
+    `is_used`: there have been such facts, or the mission in force is a revision.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.is_used = mission.revision is not None
+        self._in_force = mission.revision_number
+        self._has_news = False
         # (number, author) -> what was proposed.
         self._proposed: dict[tuple[int, str], ProposedMission] = {}
         self._proposers: dict[int, str] = {}
@@ -45,7 +71,7 @@ class Revisions:
         self._held: dict[str, HeldMission] = {}
 
     def add(self, entry: Entry) -> None:
-        """Add a fact about a revision."""
+        self.is_used = self._has_news = True
         match entry.record:
             case OperatorCommand(ProposedMission() as proposed):
                 self._proposed[_key(entry)] = proposed
@@ -58,7 +84,6 @@ class Revisions:
                 self._withdrawn.add(_key(entry))
 
     def remove(self, entry: Entry) -> None:
-        """Remove a dropped fact about an earlier revision."""
         key = _key(entry)
         self._proposed.pop(key, None)
         self._adopted.pop(key, None)
@@ -78,7 +103,7 @@ class Revisions:
 
     def proposed(self, number: int) -> ProposedMission | None:
         """The proposal under this number, None if it is not known."""
-        return self._proposed.get((number, records.OPERATORS))
+        return self._proposed.get((number, OPERATORS))
 
     def proposer(self, number: int) -> str:
         """The operator who proposed this revision; empty if it is not known."""
@@ -134,20 +159,50 @@ class Revisions:
         """True if all of these robots act by this revision, or a later one."""
         return all(self.held_by(robot).in_force >= number for robot in robots)
 
-    def obsolete(self, in_force: int) -> list[tuple[str, str]]:
-        """(author, name) of the facts about earlier revisions."""
-        if not in_force:
+    # -- what the kernel asks -----------------------------------------------------------------
+
+    def successor(self) -> Mission | None:
+        if not self._has_news:
+            return None
+        self._has_news = False
+        return self.adopted(self._in_force)
+
+    def objects_to_job(self, job: Job) -> str:
+        coming = self.pending(self._in_force)
+        if coming is None:
+            return ""
+        known = coming[1].jobs.get(job.type)
+        if known is None:
+            return f"a revision without jobs of type {job.type} is about to be in force"
+        problem = known.problem(job.arguments)
+        return f"a revision is about to be in force in which {problem}" if problem else ""
+
+    def says(self, entry: Entry) -> bool:
+        is_adopted = isinstance(entry.record, AdoptedMission)
+        return is_adopted and int(entry.parts[1]) < self._in_force
+
+    def shows(self, entry: Entry, alive: Mapping[str, Incarnation]) -> bool:
+        assert isinstance(entry.record, AdoptedMission)
+        wanted, pending = (int(entry.parts[1]), entry.record.digest), self.pending(self._in_force)
+        return (
+            pending is not None
+            and (pending[1].revision_number, pending[1].digest) == wanted
+            and self.is_held_by_all(pending[1], alive)
+        )
+
+    def obsolete(self) -> list[tuple[str, str]]:
+        if not self._in_force:
             return []
         kinds: dict[str, Collection[tuple[int, str]]] = {
-            records.MISSION: self._proposed,
-            records.MISSION_ADOPTED: self._adopted,
-            records.MISSION_WITHDRAWN: self._withdrawn,
+            MISSION: self._proposed,
+            MISSION_ADOPTED: self._adopted,
+            MISSION_WITHDRAWN: self._withdrawn,
         }
         return [
             (author, f"{kind}/{number}")
             for kind, known in kinds.items()
             for number, author in known
-            if number < in_force
+            if number < self._in_force
         ]
 
 

@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.facts.records import (
-    AdoptedMission,
     ChildResult,
-    HeldMission,
     Outcome,
     Proposal,
     ProposedStep,
@@ -22,6 +20,8 @@ from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.features.revisions import revise as numbering
+from mrbt_mesh.features.revisions.facts import Revisions
+from mrbt_mesh.features.revisions.records import AdoptedMission, HeldMission
 from mrbt_mesh.features.revisions.revise import revise
 from mrbt_mesh.formats.build import mission_from_yaml
 from tests.support.commands import command
@@ -156,8 +156,10 @@ def test_a_newer_fact_of_the_same_name_is_not_dropped() -> None:
 
 def test_all_must_hold_the_same_proposal() -> None:
     all_hold = [held(robot, AFTER) for robot in BEFORE.robots]
-    assert facts(proposed(AFTER), *all_hold).revisions.is_held_by_all(AFTER, BEFORE.robots)
-    assert not facts(proposed(AFTER), *all_hold[1:]).revisions.is_held_by_all(AFTER, BEFORE.robots)
+    known, robots = facts(proposed(AFTER), *all_hold), BEFORE.robots
+    assert known.index(Revisions).is_held_by_all(AFTER, robots)
+    known = facts(proposed(AFTER), *all_hold[1:])
+    assert not known.index(Revisions).is_held_by_all(AFTER, robots)
 
 
 @pytest.mark.parametrize(
@@ -172,16 +174,16 @@ def test_all_must_hold_the_same_proposal() -> None:
     ],
 )
 def test_a_proposal_can_be_void(more: tuple[Entry, ...], why: str) -> None:
-    pending = facts(proposed(AFTER)).revisions.pending(0)
+    pending = facts(proposed(AFTER)).index(Revisions).pending(0)
     assert pending is not None
     assert pending[1] == AFTER
-    found = facts(proposed(AFTER), *more).revisions
+    found = facts(proposed(AFTER), *more).index(Revisions)
     assert found.pending(0) is None
     assert found.void_reason(1) == why
 
 
 def test_of_two_proposals_the_earlier_one_counts() -> None:
-    pending = facts(proposed(OTHER, 1), proposed(AFTER, 2)).revisions.pending(0)
+    pending = facts(proposed(OTHER, 1), proposed(AFTER, 2)).index(Revisions).pending(0)
     assert pending is not None
     assert pending[1] == OTHER
 
