@@ -299,6 +299,7 @@ class Player:
                 tree_statuses=self.state.trees.get(robot, b""),
             )
         before, known.state, known.report = known.state, state, report
+        self.observer.membership.note_change(robot, known)
         if data["joined"]:
             self.observer.record.robot_seen(robot, incarnation, at_us)
         if before is not state:

@@ -56,6 +56,21 @@ def test_any_way_leads_to_the_same_state(watched: Recording, places: list[float]
 
 
 @pytest.mark.parametrize("whose", ["", "B1"])
+def test_the_robots_that_count_are_those_of_the_plan(folder: Path, whose: str) -> None:
+    path = robot_file(folder, whose) if whose else observer_file(folder)
+    player, plan, reasons = Player(open_recording(path)), None, set[str]()
+    for _ in player.play_to(player.end_us):
+        observer = player.observer
+        if observer.plan is not plan and observer.plan is not None:
+            plan = observer.plan
+            assert observer.membership.members() == player.state.alive
+            reasons |= {*observer.idle.values()}
+    assert "nothing it can do is needed now" in reasons
+    # Robots are described by their facts before plans count on them.
+    assert "what it can do is not known yet" not in reasons
+
+
+@pytest.mark.parametrize("whose", ["", "B1"])
 def test_what_was_long_before_is_skipped(
     folder: Path, whose: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

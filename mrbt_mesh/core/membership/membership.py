@@ -150,7 +150,7 @@ class Membership:
         if report.plan_digest != before.plan_digest or report.result != before.result:
             self.report_changes += 1
         if report.has_joined != before.has_joined:
-            self._note_change(robot, peer)
+            self.note_change(robot, peer)
         if heartbeat is not None:
             self._take_own_heartbeat(robot, peer, heartbeat)
         elif is_proof and (
@@ -194,7 +194,7 @@ class Membership:
         else:
             peer.returned_us = before.returned_us
         self.peers[robot] = peer
-        self._note_change(robot, peer)
+        self.note_change(robot, peer)
         return peer
 
     def _take_news(self, peer: Peer, now_us: int) -> None:
@@ -331,9 +331,9 @@ class Membership:
                 self._suspected[robot] = peer
             else:
                 self._suspected.pop(robot, None)
-            self._note_change(robot, peer)
+            self.note_change(robot, peer)
 
-    def _note_change(self, robot: str, peer: Peer) -> None:
+    def note_change(self, robot: str, peer: Peer) -> None:
         """Note that a robot is new, has joined, or has changed its state."""
         self.member_changes += 1
         if peer.report.has_joined and peer.state.is_member:
