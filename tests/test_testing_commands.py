@@ -249,7 +249,7 @@ def test_a_revision_with_a_type_and_a_robot(tmp_path: Path) -> None:
         ("inspect", "succeeded"),
     ]
     assert "S2" in found.started("look")
-    assert found.whole.observer.mission.revision_number == 1
+    assert found.whole.observer.mission.number == 1
 
 
 def test_a_revision_that_is_refused_and_what_relies_on_it() -> None:

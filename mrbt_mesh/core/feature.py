@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.assignment.problem import SideConstraint
     from mrbt_mesh.core.bt.activation import ActivationNames
     from mrbt_mesh.core.bt.evaluation import Request as TreeRequest
+    from mrbt_mesh.core.bt.tree import Tree
     from mrbt_mesh.core.facts.records import Claim, Job, Record
     from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation, Version
     from mrbt_mesh.core.facts.task_status import TeamMembers
@@ -100,6 +101,21 @@ class Index:
         `reasons`: robot -> the reason that the planner gives.
         """
         return {}
+
+
+class Succession(ABC):
+    """How a mission takes the place of others of its team while the team runs.
+
+    `number`: how many missions the team had before. `team`: the digest of the first one, which the
+    team's messages name.
+    """
+
+    number: int
+    team: str
+
+    @abstractmethod
+    def keeps_number(self, number: int) -> bool:
+        """Whether a node of an earlier tree may come back under this number, or is yet to come."""
 
 
 class JointPolicy(ABC):
@@ -489,6 +505,16 @@ class Feature:
     def problem(self, section: Any, mission: Mission) -> str | None:
         """What is wrong with a section of a compiled mission, if it was damaged."""
         return None
+
+    def succession(self, section: Any) -> Succession | None:
+        """How the mission takes the place of others; one feature at most knows it."""
+        return None
+
+    def numbered(self, section: Any, tree: Tree) -> Tree:
+        """The tree of a compiled mission with the numbers of its nodes, by which facts name them.
+        Raises ValueError.
+        """
+        return tree
 
     def stops_in_time(self, section: Any) -> bool:
         """Whether others count on it that robots stop in time by their own clocks."""

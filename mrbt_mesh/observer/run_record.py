@@ -135,7 +135,7 @@ class RunRecord:
                 self._is_back(fault, now_us)
                 self.robots[fault.robot]["state"] = State.LEFT
         self.use(mission)
-        self.say(now_us, f"revision {mission.revision_number} of the mission is in force")
+        self.say(now_us, f"revision {mission.number} of the mission is in force")
 
     def watched_from(self, now_us: int, until_us: int | None) -> None:
         """The run is watched (again) from now on; the record so far ends at `until_us`."""

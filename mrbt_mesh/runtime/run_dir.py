@@ -31,7 +31,7 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -197,12 +197,13 @@ class RunDir:
     def is_run_of(self, mission: Mission) -> bool:
         """Return True if the run began with this mission, or if it is the one in force."""
         from mrbt_mesh.core.mission.compiled import mission_from_compiled
+        from mrbt_mesh.features.revisions.section import without_revision
 
         paths = self.mission_path, self.path / MISSION_FILE
         known = (
             mission_from_compiled(path.read_text(encoding="utf-8"), str(path)) for path in paths
         )
-        return any(replace(each, revision=None).digest == mission.digest for each in known)
+        return any(without_revision(each).digest == mission.digest for each in known)
 
     @classmethod
     def create(cls, path: Path, info: RunInfo, compiled_mission: str) -> RunDir:

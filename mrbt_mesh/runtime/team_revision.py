@@ -144,7 +144,7 @@ async def take_up(
     `say` gets the awaited robots whenever they change. Raises RevisionRefusedError if a robot
     refuses it, or if it is not in force after `timeout_s`: then it is withdrawn.
     """
-    client, number = TeamClient(watcher), revision.revision_number
+    client, number = TeamClient(watcher), revision.number
     if not client.robots:
         raise RevisionRefusedError("no robot of the team is heard")
     awaited: list[str] = []
@@ -186,7 +186,7 @@ async def _propose(
     A robot that leaves by it may be gone before it has answered, so answers are no longer awaited
     once the revision is in force.
     """
-    number, text = revision.revision_number, compile_mission(revision)
+    number, text = revision.number, compile_mission(revision)
 
     async def wait(group: anyio.abc.TaskGroup) -> None:
         await _until_in_force(client.watcher, revision, text, awaited, say)
@@ -218,7 +218,7 @@ async def withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
 async def _is_in_force(watcher: Watcher, revision: Mission) -> bool:
     """Return whether exactly this mission has come into force; waits until that is known here."""
     with anyio.move_on_after(WITHDRAW_S):
-        while watcher.observer.facts.declared.revision_number < revision.revision_number:
+        while watcher.observer.facts.declared.number < revision.number:
             await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
     return watcher.observer.facts.declared.digest == revision.digest
 
@@ -234,11 +234,11 @@ async def _until_in_force(
 
     `text`: the compiled revision, which distinguishes it from another one of the same number.
     """
-    observer, said, number = watcher.observer, "", revision.revision_number
+    observer, said, number = watcher.observer, "", revision.number
     while True:
         revisions, robots = observer.facts.index(Revisions), observer.membership.members()
         declared = observer.facts.declared
-        in_force, proposed = declared.revision_number, revisions.proposed(number)
+        in_force, proposed = declared.number, revisions.proposed(number)
         is_known = proposed is not None and proposed.text == text
         is_in_force = in_force > number or declared.digest == revision.digest
         if is_in_force and revisions.all_act_by(in_force, robots):

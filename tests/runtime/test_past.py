@@ -126,7 +126,7 @@ def test_what_was_before_a_revision_is_told_too(
         (30.3, submit("four")),
     )
     last = result.observer.facts.declared
-    assert last.revision_number == len(revised_s)
+    assert last.number == len(revised_s)
     timing = open_recording(observer_file(tmp_path)).metadata.timing
     if by == "robots":
         observer_file(tmp_path).unlink()

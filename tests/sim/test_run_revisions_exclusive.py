@@ -83,7 +83,7 @@ def begun(result: SimulationResult) -> Counter[str]:
 
 
 def number_of(result: SimulationResult) -> int:
-    (found,) = {agent.view.facts.declared.revision_number for agent in result.agents.values()}
+    (found,) = {agent.view.facts.declared.number for agent in result.agents.values()}
     return found
 
 

@@ -93,7 +93,7 @@ def test_the_policies_of_a_task_under_way_change(
         (at_s + 6, Revise("R3", texts[2], True, True)),
     )
     facts = [agent.view.facts for agent in result.agents.values()]
-    assert {each.declared.revision_number for each in facts} == {2}, result.stops
+    assert {each.declared.number for each in facts} == {2}, result.stops
 
 
 def test_robots_that_cannot_plan_the_revision_in_force_stop(
@@ -104,7 +104,7 @@ def test_robots_that_cannot_plan_the_revision_in_force_stop(
     reason = "it needs the extra 'planner'"
 
     def problem(found: Mission, lacks_planner: bool) -> str:
-        return reason if found.revision_number else ""
+        return reason if found.number else ""
 
     monkeypatch.setattr("mrbt_mesh.core.agent.agent.planner_problem", problem)
     revise = (4 * S, Revise("R1", compile_mission(then), True, True))

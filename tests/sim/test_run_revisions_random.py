@@ -20,6 +20,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import FileError
 from mrbt_mesh.features.revisions import changes
 from mrbt_mesh.features.revisions import revise as numbering
+from mrbt_mesh.features.revisions.section import revision_of
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.runtime.program import RobotProgram
@@ -224,7 +225,7 @@ def test_a_random_revision_keeps_what_the_guide_says(
 
 
 def only_steps_that_were_never_known(steps: changes._Steps, step: changes._Step) -> list[int]:
-    known = steps._facts.declared.revision
+    known = revision_of(steps._facts.declared)
     first = len(steps._facts.declared.tree.nodes) if known is None else known.next_node
     return [number for number in steps._now[step] if number >= first]
 

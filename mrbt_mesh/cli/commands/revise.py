@@ -110,7 +110,7 @@ async def _dry_run(
     blocked, survived = unserved(watcher, revision), survived_losses(watcher, revision)
     reasons = await refusals(watcher, revision, changes, consent)
     if as_json:
-        told = {"team": team, "revision": revision.revision_number, "in_force": False}
+        told = {"team": team, "revision": revision.number, "in_force": False}
         told |= {"blocked": blocked, "survives": survived, "refused": reasons}
         click.echo(json.dumps(told | changes.to_json(), indent=2))
     else:
@@ -138,7 +138,7 @@ async def _revise(
     )
 
     revision, changes = next_revision(watcher, after)
-    number, blocked = revision.revision_number, unserved(watcher, revision)
+    number, blocked = revision.number, unserved(watcher, revision)
     if not as_json:
         click.echo("\n".join(lines(changes, blocked, {})), err=True)
     reasons = await refusals(watcher, revision, changes, consent)
@@ -163,10 +163,10 @@ async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
     from mrbt_mesh.runtime.team_revision import withdraw
 
     facts = watcher.observer.facts
-    pending = facts.index(Revisions).pending(facts.declared.revision_number)
+    pending = facts.index(Revisions).pending(facts.declared.number)
     if pending is None:
         fail(f"{team}: no revision is proposed", FAILURE)
-    number = pending[1].revision_number
+    number = pending[1].number
     is_withdrawn, answer = await withdraw(watcher, number)
     if not is_withdrawn:
         fail(f"{team}: {answer}", FAILURE)

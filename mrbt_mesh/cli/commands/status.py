@@ -119,7 +119,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
             working.setdefault(row["global_task"], []).append(robot)
     return {
         "mission": observer.mission.name,
-        "revision": observer.mission.revision_number,
+        "revision": observer.mission.number,
         "headline": [statement.to_json() for statement in statements],
         "result": _result(observer),
         "over": observer.is_over,

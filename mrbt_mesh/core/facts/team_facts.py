@@ -496,7 +496,8 @@ class TeamFacts:
         """True if no revision can have a place for this fact, which is not believed: it belongs to
         an ended job, or to a part of an earlier tree that is no longer known.
         """
-        revision, kind, name = self.declared.revision, entry.parts[0], "/".join(entry.parts[1:2])
+        succession, kind = self.declared.succession, entry.parts[0]
+        name = "/".join(entry.parts[1:2])
         if kind in ACTIVATION_KINDS:
             activation = parse_activation(name)
             number, job = activation.node, activation.job
@@ -506,7 +507,7 @@ class TeamFacts:
             return False
         if job:
             return self.jobs is not None and self.jobs.is_settled(job)
-        return number >= 0 and revision is not None and not revision.keeps_number(number)
+        return number >= 0 and succession is not None and not succession.keeps_number(number)
 
     def is_recorded(self, robot: str) -> bool:
         """True unless the robot has reported that it does not record what it does."""
@@ -519,7 +520,7 @@ class TeamFacts:
         key = (new.author, new.name)
         was_believed = old is not None and self._unbelieved.pop(key, None) is None
         record: Record | None = new.record
-        if self.declared.revision is not None and new.parts[0] not in records.IN_ANY_MISSION:
+        if self.declared.succession is not None and new.parts[0] not in records.IN_ANY_MISSION:
             record = believed(new, self.declared, self.run)
             self._see_stamp(new)
         if new.author in self.revoked:

@@ -60,7 +60,7 @@ _OF_NO_ACTIVATION = {kind: feature for feature in features() for kind in feature
 
 def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
     """Why a robot that runs this mission refuses this entry; None if it accepts it."""
-    if mission.revision is None or entry.parts[0] in records.IN_ANY_MISSION:
+    if mission.succession is None or entry.parts[0] in records.IN_ANY_MISSION:
         return no_place_reason(entry, mission, run)
     return _refuse_author(entry) or _refuse_in_any_mission(entry, entry.parts, run)
 
@@ -272,7 +272,7 @@ def _refuse_of_activation(
         positions = map(str, range(len(node.children)))
         if node.memory is Memory.NONE or parts[2] not in positions:
             return f"{text!r:.80} has no child {parts[2]!r:.20} to remember"
-    if isinstance(entry.record, Attempt) and mission.revision is None:
+    if isinstance(entry.record, Attempt) and mission.succession is None:
         node = mission.tree.nodes[mission.evaluator.index_of[activation.node, ""]]
         if 0 < mission.evaluator.limit(node.index) <= entry.record.number:
             return f"{text!r:.80} has no attempt {entry.record.number}"

@@ -88,7 +88,6 @@ def _check_capabilities(capabilities: Mapping[str, int], owner: str, mission: Mi
 
 def _check(mission: Mission) -> None:
     """Types, ranges and cross-references: what reading the YAML form has checked."""
-    _check_revision(mission)
     _check_jobs(mission)
     mission = with_one_of_each(mission)
     _expect(isinstance(mission.name, str), f"name {mission.name!r}")
@@ -129,20 +128,6 @@ def _check_condition(condition: ConditionType) -> None:
     traits, default = condition.traits, condition.default
     fits = isinstance(default, bool) if traits is None else traits.fits(default)
     _expect(fits, f"condition {condition.name}")
-
-
-def _check_revision(mission: Mission) -> None:
-    if (known := mission.revision) is None:
-        return
-    _expect(_is_integer(known.number, 1, MAX_NUMBER), f"revision {known.number!r}")
-    _expect(isinstance(known.team, str) and len(known.team) == DIGEST_LENGTH, "digest of the team")
-    numbers = [node.number for node in mission.tree.nodes]
-    _expect(all(_is_integer(each, 0, MAX_NUMBER) for each in numbers), "numbers of nodes")
-    _expect(_is_integer(known.next_node, max(numbers) + 1, MAX_NUMBER), "numbers of nodes")
-    for key, *kept in known.retired:
-        used = [number for numbers in kept for number in numbers]
-        _expect(isinstance(key, str) and len(key) <= DIGEST_LENGTH, "retired parts")
-        _expect(all(_is_integer(each, 0, known.next_node - 1) for each in used), "retired parts")
 
 
 def _check_jobs(mission: Mission) -> None:

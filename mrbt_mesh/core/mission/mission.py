@@ -14,14 +14,14 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
-from mrbt_mesh.core.feature import JointPolicy, Limits, PlanStep, features, used
+from mrbt_mesh.core.feature import JointPolicy, Limits, PlanStep, Succession, features, used
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
     Value,
@@ -422,52 +422,6 @@ def micro_performance(value: float) -> int:
     return round(value * MICRO)
 
 
-class RetiredPart(NamedTuple):
-    """A part of an earlier tree that the mission in force lacks, and the numbers of its nodes.
-
-    `key`: a hash of all that its steps depend on. `guards`: the numbers of the nodes whose
-    conditions decide together whether it is reached.
-    """
-
-    key: str
-    nodes: tuple[int, ...]
-    guards: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Revision:
-    """What a mission is that a running team takes up in the place of another one.
-
-    `number`: 1 for the first one. `team`: the digest of the mission with which the team was
-    started, which its messages name. `next_node`: all smaller numbers of nodes are used up.
-    `retired`: parts that earlier missions had, the last removed at the end.
-    """
-
-    number: int
-    team: str
-    next_node: int
-    retired: tuple[RetiredPart, ...] = ()
-
-    def keeps_number(self, number: int) -> bool:
-        """Whether a node of an earlier tree may come back under this number, or is yet to come."""
-        return number >= self.next_node or any(
-            number in part.nodes or number in part.guards for part in self.retired
-        )
-
-    def to_json(self, tree: Tree) -> list[Any]:
-        """Plain data, with the numbers of the nodes of the tree."""
-        retired = [[key, list(nodes), list(guards)] for key, nodes, guards in self.retired]
-        numbers = [node.number for node in tree.nodes]
-        return [self.number, self.team, self.next_node, retired, numbers]
-
-    @classmethod
-    def from_json(cls, data: list[Any]) -> tuple[Revision, list[int]]:
-        """The inverse, and the numbers; raises TypeError or ValueError for anything else."""
-        number, team, next_node, retired, numbers = data
-        parts = tuple(RetiredPart(key, tuple(n), tuple(guards)) for key, n, guards in retired)
-        return cls(number, team, next_node, parts), numbers
-
-
 class MissionEntries:
     """The conditions of one mission, and how its tree reads them. A feature may have other entries,
     and other names for them (`Feature.entries`).
@@ -584,10 +538,9 @@ class Mission:
     default robot program, relative to the mission file. It, `costs` and `solver` are no part of
     the digest: robots with different solvers make the same plans. `program_trees`: those of ground
     local tasks that are BehaviorTree.CPP trees. `travel`: None where nothing is said of places.
-    `jobs`: types of jobs, whose trees are below Jobs nodes. `revision`: None, unless it takes the
-    place of another mission while a team runs. `recorded`: whether robots that do not record take
-    tasks that are done at most once. `sections`: what features add (`core.feature`), by the names
-    of their sections.
+    `jobs`: types of jobs, whose trees are below Jobs nodes. `recorded`: whether robots that do not
+    record take tasks that are done at most once. `sections`: what features add (`core.feature`), by
+    the names of their sections.
     """
 
     name: str
@@ -606,7 +559,6 @@ class Mission:
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
     travel: Travel | None = None
     jobs: Mapping[str, JobType] = field(default_factory=dict)
-    revision: Revision | None = None
     sections: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
@@ -623,15 +575,21 @@ class Mission:
         text = json.dumps(data, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @cached_property
+    def succession(self) -> Succession | None:
+        """Whose place it takes; None: it is the mission with which its team was started."""
+        found = (feature.succession(section) for feature, section in used(self.sections))
+        return next((each for each in found if each is not None), None)
+
     @property
     def team_digest(self) -> str:
         """The digest that the messages of its team name."""
-        return self.digest if self.revision is None else self.revision.team
+        return self.digest if self.succession is None else self.succession.team
 
-    @property
-    def revision_number(self) -> int:
+    @cached_property
+    def number(self) -> int:
         """0: the mission with which the team was started."""
-        return self.revision.number if self.revision is not None else 0
+        return self.succession.number if self.succession is not None else 0
 
     @cached_property
     def robot_ids(self) -> frozenset[RobotId]:
@@ -754,7 +712,6 @@ class Mission:
             "program_trees": program_trees,
             "travel": self.travel.to_json() if self.travel is not None else None,
             "jobs": [known.to_json() for known in self.jobs.values()],
-            "revision": self.revision.to_json(self.tree) if self.revision is not None else None,
         }
         for feature, section in used(self.sections):
             optional[feature.section] = feature.to_json(section)
@@ -784,14 +741,14 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     if type(found) is not int or found != COMPILED_VERSION:
         raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
     # What this version does not know would be left out of the team's plans unnoticed.
-    sections = {each.section for each in features()}
-    for name in sorted(data.keys() - {"compiled", *Mission.__dataclass_fields__, *sections}):
+    known = {"compiled", *Mission.__dataclass_fields__, *(each.section for each in features())}
+    for name in sorted(data.keys() - known):
         raise ValueError(f"compiled mission has an unknown entry: {name!r}")
     try:
-        tree, revision = build_tree(spec_from_json(data["tree"])), None
-        if "revision" in data:
-            revision, numbers = Revision.from_json(data["revision"])
-            tree = tree.with_numbers(numbers)
+        sections = {feature.section: feature.from_json(section) for feature, section in used(data)}
+        tree = build_tree(spec_from_json(data["tree"]))
+        for feature, section in used(sections):
+            tree = feature.numbered(section, tree)
         return Mission(
             name=data["name"],
             robots={i: Robot(i, kind, caps) for i, (kind, caps) in sorted(data["robots"].items())},
@@ -809,10 +766,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             program_trees=program_trees_from_json(data.get("program_trees", {})),
             travel=Travel.from_json(data["travel"]) if "travel" in data else None,
             jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},
-            revision=revision,
-            sections={
-                feature.section: feature.from_json(section) for feature, section in used(data)
-            },
+            sections=sections,
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

@@ -150,8 +150,8 @@ def assign_agents(
     team, command = capabilities.team, found.command
     outside = [robot for robot in sorted(alive) if robot not in team]
     if found.is_at_rest:
-        revision, idle = facts.declared.revision, (*team, *outside)
-        return Plan(evaluation, command, {}, idle, (), ended=found.ended, revision=revision)
+        number, idle = facts.declared.number, (*team, *outside)
+        return Plan(evaluation, command, {}, idle, (), ended=found.ended, mission_number=number)
 
     demands, offered, kept, pinned = found.demands, found.offered, found.kept, found.pinned
     at_work = running_on(offered, pinned)
@@ -203,7 +203,7 @@ def assign_agents(
         demands,
         tuple(pending.values()),
         tuple(loss for step in mission.plan_steps for loss in step.losses(facts, team)),
-        revision=facts.declared.revision,
+        mission_number=facts.declared.number,
         ahead=found.ahead,
         kept=served,
     )

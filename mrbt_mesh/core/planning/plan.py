@@ -20,7 +20,7 @@ from mrbt_mesh.core.facts.records import ConditionValue, TeamOrder
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.feature import PlanPart, features
 from mrbt_mesh.core.mission.conditions import Value
-from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd, Revision
+from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd
 from mrbt_mesh.core.planning.demands import Group
 from mrbt_mesh.core.planning.schedules import Lookahead
 
@@ -186,7 +186,8 @@ class Plan:
     no part of the problem, unless all of them wait.
 
     `ended`: how the mission has ended, None if it has not. T_G may have ended before the team
-    agrees on that, and may read otherwise afterwards. `revision`: the mission's.
+    agrees on that, and may read otherwise afterwards. `mission_number`: the mission's
+    `number`.
     """
 
     evaluation: Evaluation
@@ -201,7 +202,7 @@ class Plan:
     pending_failures: tuple[PendingFailure, ...] = ()
     pending_losses: tuple[PendingLoss, ...] = ()
     ended: Status | None = None
-    revision: Revision | None = None
+    mission_number: int = 0
     ahead: Lookahead | None = field(default=None, compare=False, repr=False)
     kept: Collection[int] = field(default=(), compare=False, repr=False)
 
@@ -225,8 +226,8 @@ class Plan:
     @cached_property
     def digest(self) -> bytes:
         """8 bytes over activation -> robots alone, and what is read from the blackboard for it: no
-        phases, no pins, not the alive set. Of a revision also over its number: robots that have
-        heard of different ones do not agree.
+        phases, no pins, not the alive set. Where the mission has taken the place of others also
+        over its number: robots that follow different ones do not agree.
 
         Once the mission has ended, over how it did.
         """
@@ -238,8 +239,8 @@ class Plan:
                 for x in self.assignments.values()
             )
         )
-        if self.revision is not None and self.ended is None:
-            said = [self.revision.number, *said]
+        if self.mission_number and self.ended is None:
+            said = [self.mission_number, *said]
         return hashlib.blake2b(msgpack.packb(said), digest_size=8).digest()
 
     @cached_property

@@ -12,9 +12,11 @@ from mrbt_mesh.features.revisions.kinds import (
     MISSION_ADOPTED,
     MISSION_HELD,
     MISSION_WITHDRAWN,
+    SECTION,
 )
 
 if TYPE_CHECKING:
+    from mrbt_mesh.core.bt.tree import Tree
     from mrbt_mesh.core.facts.records import Record
     from mrbt_mesh.core.facts.store import Entry
     from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.features.revisions.checker import Revised
     from mrbt_mesh.features.revisions.facts import Revisions
     from mrbt_mesh.features.revisions.records import ProposedMission
+    from mrbt_mesh.features.revisions.section import Revision
     from mrbt_mesh.sim.checkers.findings import RunFindings
 
 
@@ -38,8 +41,9 @@ def _withdrawal(value: Any) -> bool:
 
 
 class RevisedMissions(Feature):
-    """The feature. Any team may get a revision, so no mission declares it."""
+    """The feature. Any team may get a revision, so no mission file declares it."""
 
+    section = SECTION
     commands = {  # noqa: RUF012
         MISSION: CommandField(_proposal, 2, once=True),
         MISSION_WITHDRAWN: CommandField(_withdrawal, 2, is_shown=False),
@@ -47,6 +51,25 @@ class RevisedMissions(Feature):
     team_kinds = {MISSION_ADOPTED: 2, MISSION_HELD: 1}  # noqa: RUF012
     derived = frozenset({MISSION_ADOPTED})
     in_any_mission = KINDS
+
+    def to_json(self, section: Revision) -> Any:
+        return section.to_json()
+
+    def from_json(self, data: Any) -> Revision:
+        from mrbt_mesh.features.revisions.section import Revision
+
+        return Revision.from_json(data)
+
+    def problem(self, section: Revision, mission: Mission) -> str | None:
+        from mrbt_mesh.features.revisions.section import problem
+
+        return problem(section)
+
+    def succession(self, section: Revision) -> Revision:
+        return section
+
+    def numbered(self, section: Revision, tree: Tree) -> Tree:
+        return tree.with_numbers(section.numbers)
 
     def parse(self, kind: str, value: Any) -> Record:
         from mrbt_mesh.features.revisions.records import AdoptedMission, HeldMission

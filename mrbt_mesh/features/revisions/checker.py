@@ -31,7 +31,7 @@ class Revised(FeatureChecker):
 
     def handling(self, process: SimProcess, agent: AgentView, event: Input) -> None:
         facts = agent.facts
-        in_force = facts.declared.revision_number
+        in_force = facts.declared.number
         is_proposed = facts.index(Revisions).last_number > in_force
         self._before = (facts.declared, list(facts.map)) if is_proposed else None
 
@@ -72,9 +72,9 @@ class Revised(FeatureChecker):
 
     def _begins(self, agent: AgentView, start: StartAction) -> None:
         """When a robot begins something, no other one acts by another revision."""
-        run, number = self.run, agent.facts.declared.revision_number
+        run, number = self.run, agent.facts.declared.number
         for other in joined(run.world):
-            theirs = other.facts.declared.revision_number
+            theirs = other.facts.declared.number
             if not number and not theirs:
                 continue
             run.checks["I11"] += 1

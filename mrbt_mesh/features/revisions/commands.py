@@ -38,25 +38,25 @@ def revision_of(facts: TeamFacts, fault: Revise) -> Mission:
 def proposal(revision: Mission, given: Revise | Propose) -> tuple[str, str, list[Any]]:
     """The field of the command that proposes a revision, its subject and its value."""
     value = [compile_mission(revision), given.is_forced, given.repeats_exclusive]
-    return MISSION, str(revision.revision_number), value
+    return MISSION, str(revision.number), value
 
 
 def withdrawal(revision: Mission) -> str:
     """The name of the command that withdraws a proposal."""
-    return f"{MISSION_WITHDRAWN}/{revision.revision_number}"
+    return f"{MISSION_WITHDRAWN}/{revision.number}"
 
 
 def is_in_force(facts: TeamFacts, revision: Mission) -> bool:
     """Whether a revision is in force, or a later one."""
-    return facts.declared.revision_number >= revision.revision_number
+    return facts.declared.number >= revision.number
 
 
 def void_reason(facts: TeamFacts, revision: Mission) -> str:
     """Why a proposal can no longer be adopted; empty if it can."""
-    return facts.index(Revisions).void_reason(revision.revision_number)
+    return facts.index(Revisions).void_reason(revision.number)
 
 
 def awaited(facts: TeamFacts, revision: Mission, robots: Collection[str]) -> list[str]:
     """The robots that must still hold a revision which is not in force; sorted."""
-    in_force = facts.declared.revision_number
-    return facts.index(Revisions).awaited(revision.revision_number, in_force, robots)
+    in_force = facts.declared.number
+    return facts.index(Revisions).awaited(revision.number, in_force, robots)

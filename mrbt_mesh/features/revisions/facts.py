@@ -48,7 +48,7 @@ def misplaced(entry: Entry, mission: Mission) -> str:
         found = read_mission(record.text)
     except FileError as error:
         return f"a revision that cannot be read: {error}"
-    if found.team_digest != mission.team_digest or found.revision_number != int(parts[1]):
+    if found.team_digest != mission.team_digest or found.number != int(parts[1]):
         return f"revision {parts[1]} is one of another mission"
     return ""
 
@@ -60,8 +60,8 @@ class Revisions(Index):
     """
 
     def __init__(self, mission: Mission) -> None:
-        self.is_used = mission.revision is not None
-        self._in_force = mission.revision_number
+        self.is_used = mission.succession is not None
+        self._in_force = mission.number
         self._has_news = False
         # (number, author) -> what was proposed.
         self._proposed: dict[tuple[int, str], ProposedMission] = {}
@@ -118,7 +118,7 @@ class Revisions(Index):
         digests = {(number, digest) for (number, _), digest in self._adopted.items()}
         known = ((n, read_mission(p.text)) for (n, _), p in self._proposed.items() if n > after)
         found = [m for n, m in known if (n, m.digest) in digests]
-        return max(found, key=lambda m: (m.revision_number, m.digest), default=None)
+        return max(found, key=lambda m: (m.number, m.digest), default=None)
 
     def pending(self, in_force: int) -> tuple[ProposedMission, Mission] | None:
         """The proposal that waits until all robots hold it, None if there is none."""
@@ -143,7 +143,7 @@ class Revisions(Index):
 
     def is_held_by_all(self, mission: Mission, robots: Collection[str]) -> bool:
         """True if all of these robots hold this revision."""
-        wanted = mission.revision_number, mission.digest
+        wanted = mission.number, mission.digest
         held = map(self.held_by, robots)
         return all((each.number, each.digest) == wanted and not each.problem for each in held)
 
@@ -186,7 +186,7 @@ class Revisions(Index):
         wanted, pending = (int(entry.parts[1]), entry.record.digest), self.pending(self._in_force)
         return (
             pending is not None
-            and (pending[1].revision_number, pending[1].digest) == wanted
+            and (pending[1].number, pending[1].digest) == wanted
             and self.is_held_by_all(pending[1], alive)
         )
 

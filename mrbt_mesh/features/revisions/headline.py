@@ -12,7 +12,7 @@ from mrbt_mesh.features.revisions.facts import Revisions
 
 def warnings(facts: TeamFacts, robots: Collection[str]) -> Iterator[str]:
     """Another mission is on its way: until all `robots` act by it nobody begins anything."""
-    revisions, in_force = facts.index(Revisions), facts.declared.revision_number
+    revisions, in_force = facts.index(Revisions), facts.declared.number
     if not revisions.is_used:
         return
 
@@ -21,7 +21,7 @@ def warnings(facts: TeamFacts, robots: Collection[str]) -> Iterator[str]:
         return shortened(sorted(found, key=name_order))
 
     if (pending := revisions.pending(in_force)) is not None:
-        number = pending[1].revision_number
+        number = pending[1].number
         by = revisions.proposer(number)
         yield (
             f"revision {number} is proposed by {by}, no robot begins anything: "

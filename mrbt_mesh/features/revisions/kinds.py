@@ -1,7 +1,9 @@
-"""The kinds of facts about revisions, and what their names may be."""
+"""The names of what missions and facts say of revisions, and their limits."""
 
 from __future__ import annotations
 
+# What a compiled mission says of itself as a revision.
+SECTION = "revision"
 # Fields of commands, by the number of the revision: it is proposed; its proposal is withdrawn.
 MISSION, MISSION_WITHDRAWN = "mission", "mission_withdrawn"
 # It is in force, by its number; which one the author holds.

@@ -25,8 +25,14 @@ from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Guard, conditions_in
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, Kind, Memory, Node, Tree
 from mrbt_mesh.core.mission.jobs import type_at
-from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission, RetiredPart, Revision
+from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission
 from mrbt_mesh.core.mission.names import bound
+from mrbt_mesh.features.revisions.section import (
+    RetiredPart,
+    Revision,
+    revision_of,
+    with_revision,
+)
 
 # How many parts that are in the tree no more keep their numbers.
 MAX_RETIRED = 1_000
@@ -46,7 +52,7 @@ def revise(before: Mission, after: Mission, number: int | None = None) -> Missio
     from one to the other.
     """
     _check(before, after)
-    known = before.revision
+    known = revision_of(before)
     old, new = _Parts(before), _Parts(after)
     numbering = _Numbering(before, old, new)
     unused = len(before.tree.nodes) if known is None else known.next_node
@@ -57,16 +63,14 @@ def revise(before: Mission, after: Mission, number: int | None = None) -> Missio
             unused += 1
         numbers.append(numbering.number_of[node.index])
     retired = [each for each in numbering.candidates if each not in numbering.taken]
-    return replace(
-        after,
-        tree=after.tree.with_numbers(numbers),
-        revision=Revision(
-            before.revision_number + 1 if number is None else number,
-            before.digest if known is None else known.team,
-            unused,
-            tuple(retired[max(0, len(retired) - MAX_RETIRED) :]),
-        ),
+    revision = Revision(
+        before.number + 1 if number is None else number,
+        before.team_digest,
+        unused,
+        tuple(numbers),
+        tuple(retired[max(0, len(retired) - MAX_RETIRED) :]),
     )
+    return with_revision(after, revision)
 
 
 def _check(before: Mission, after: Mission) -> None:
@@ -112,7 +116,8 @@ class _Numbering:
             )
             for part in old.parts
         ]
-        retired = before.revision.retired if before.revision is not None else ()
+        known = revision_of(before)
+        retired = known.retired if known is not None else ()
         self.candidates = [*retired, *present]
         self.taken = set[RetiredPart]()
         by_key: dict[str, list[RetiredPart]] = {}

@@ -79,7 +79,7 @@ class Reviser(Part):
 
     def _state(self, number: str) -> dict[str, Any]:
         """A revision's state. `proposed`: the digest of the mission proposed under this number."""
-        revisions, in_force = self._revisions, self._context.mission.revision_number
+        revisions, in_force = self._revisions, self._context.mission.number
         proposed = revisions.proposed(int(number))
         return {
             "proposed": read_mission(proposed.text).digest if proposed is not None else "",
@@ -99,14 +99,14 @@ class Reviser(Part):
     def _check_proposal(self, entry: Entry, _: int) -> None:
         context, revisions = self._context, self._revisions
         number, next_number = int(entry.parts[1]), revisions.last_number + 1
-        if context.mission.revision_number < number < next_number:
+        if context.mission.number < number < next_number:
             # It may be this very proposal: its operator asks again, and other robots were quicker.
             text = f"{context.me} does not know yet what revision {number} is"
             raise RefusalError(text, NOT_READY)
         if number != next_number:
             text = f"revision {number} is out of date, the next one is {next_number}"
             raise RefusalError(text, CONFLICT)
-        if revisions.pending(context.mission.revision_number) is not None:
+        if revisions.pending(context.mission.number) is not None:
             text = f"revision {revisions.last_number} is not in force yet: withdraw it first"
             raise RefusalError(text, CONFLICT)
 
@@ -122,9 +122,9 @@ class Reviser(Part):
         return True, json.dumps({"problem": problem})
 
     def _check_withdrawal(self, entry: Entry, _: int) -> None:
-        in_force = self._context.mission.revision_number
+        in_force = self._context.mission.number
         pending, number = self._revisions.pending(in_force), entry.parts[1]
-        if pending is None or str(pending[1].revision_number) != number:
+        if pending is None or str(pending[1].number) != number:
             text = f"revision {number[:20]!r} is not proposed; {in_force} is in force"
             raise RefusalError(text, ENDED)
 
@@ -137,12 +137,12 @@ class Reviser(Part):
         revisions = self._revisions
         if not revisions.is_used:
             return True
-        number = self._context.facts.declared.revision_number
+        number = self._context.facts.declared.number
         alive = self._context.alive()
         return revisions.pending(number) is None and revisions.all_act_by(number, alive)
 
     def taken_up(self, mission: Mission) -> None:
-        self._context.log("info", "revision_taken_up", number=mission.revision_number)
+        self._context.log("info", "revision_taken_up", number=mission.number)
 
     def agree(self, now_us: int) -> None:
         """Write which revision this robot holds and acts by, and that one is in force."""
@@ -151,7 +151,7 @@ class Reviser(Part):
 
     def _write(self, now_us: int) -> None:
         context, revisions = self._context, self._revisions
-        in_force = context.facts.declared.revision_number
+        in_force = context.facts.declared.number
         held, pending = revisions.held_by(context.me), revisions.pending(in_force)
         number, digest, problem = held.number, held.digest, held.problem
         if pending is not None and pending[1].digest != held.digest:
@@ -159,7 +159,7 @@ class Reviser(Part):
             if answer is None:
                 return  # the runtime has not answered yet
             mission = pending[1]
-            number, digest, problem = mission.revision_number, mission.digest, one_line(answer)
+            number, digest, problem = mission.number, mission.digest, one_line(answer)
         acts_by = held.in_force if context.work.is_stopping else in_force
         mine = HeldMission(number, digest, problem, acts_by)
         if mine != held:
@@ -171,7 +171,7 @@ class Reviser(Part):
             and revisions.is_held_by_all(pending[1], alive)
             and self._may_adopt(alive)
         ):
-            number, digest = pending[1].revision_number, pending[1].digest
+            number, digest = pending[1].number, pending[1].digest
             adopted = AdoptedMission(digest)
             context.log("info", "revision_adopted", number=number)
             context.write([(f"{MISSION_ADOPTED}/{number}", adopted)], now_us)

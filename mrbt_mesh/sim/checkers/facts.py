@@ -116,8 +116,8 @@ def is_revised_away(agent: AgentView, entry: Entry) -> bool:
     """Whether no revision can have a place for this entry any more."""
     facts, parts = agent.facts, entry.parts
     if parts[0] in IN_ANY_MISSION:
-        return len(parts) > 1 and int(parts[1]) < facts.declared.revision_number
-    if facts.declared.revision is None:
+        return len(parts) > 1 and int(parts[1]) < facts.declared.number
+    if facts.declared.succession is None:
         has_no_place = no_place_reason(entry, facts.declared, facts.run) is not None
         return has_no_place and _knows_revisions(facts)
     return believed(entry, facts.declared, facts.run) is None and facts.is_past(entry)
@@ -125,7 +125,7 @@ def is_revised_away(agent: AgentView, entry: Entry) -> bool:
 
 def _knows_revisions(facts: TeamFacts) -> bool:
     """Whether another mission was in force before, or may be soon."""
-    return facts.declared.revision is not None or any(
+    return facts.declared.succession is not None or any(
         entry.parts[0] in IN_ANY_MISSION for entry in facts.map
     )
 

@@ -119,7 +119,7 @@ class World:
 
     def revised(self, mission: Mission) -> None:
         """A robot has taken up a revision of the mission."""
-        if mission.revision_number > self.mission.revision_number:
+        if mission.number > self.mission.number:
             self.mission = mission
             self.driving.revised(mission)
 

@@ -23,7 +23,7 @@ def mission_view(mission: Mission) -> dict[str, Any]:
     return {
         "name": mission.name,
         "digest": mission.digest[:16],
-        "revision": mission.revision_number,
+        "revision": mission.number,
         "ends": str(mission.ends),
         "tree": tree_view(mission.tree),
         "robots": {

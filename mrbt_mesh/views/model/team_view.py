@@ -193,7 +193,7 @@ class TeamState:
             "command": str(self.observer.facts.order()),
             "started": record.started_us is not None,
             "rounds": record.rounds.all.total,
-            "revision": self._mission.revision_number,
+            "revision": self._mission.number,
             "pending": self._pending_revision(),
         }
 
@@ -202,11 +202,11 @@ class TeamState:
 
         None if there is none.
         """
-        revisions, in_force = self.observer.facts.index(Revisions), self._mission.revision_number
+        revisions, in_force = self.observer.facts.index(Revisions), self._mission.number
         pending = revisions.pending(in_force) if revisions.is_used else None
         if pending is None or self.observer.is_over:
             return None
-        number = pending[1].revision_number
+        number = pending[1].number
         robots = revisions.awaited(number, in_force, self.observer.membership.members())
         by = revisions.proposer(number)
         return {"number": number, "by": by, "awaited": sorted(robots, key=name_order)}

@@ -131,7 +131,7 @@ def check_files(
         except InputError:
             found.findings.append(_finding(name, "it is not a compiled mission"))
             continue
-        numbers[name] = mission.revision_number
+        numbers[name] = mission.number
         problems = _mission(mission, text, team_digest, missions)
         found.findings += [_finding(name, each) for each in problems]
     found.findings += [_finding(REVISION_FILE, each) for each in _order(numbers)]

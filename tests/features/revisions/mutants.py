@@ -9,7 +9,7 @@ from mrbt_mesh.features.revisions.reviser import Reviser
 
 
 def _without_revision(plan: Any, *given: Any, **named: Any) -> Any:
-    return plan(*given, **named | {"revision": None})
+    return plan(*given, **named | {"mission_number": 0})
 
 
 MUTANTS = {

@@ -67,15 +67,15 @@ def entry(author: str, name: str, record: Record, number: int = 1) -> Entry:
 
 def proposed(found: Mission, stamp: int = 1) -> Entry:
     value = [compile_mission(found), False, False]
-    return command(f"mission/{found.revision_number}", value, stamp)
+    return command(f"mission/{found.number}", value, stamp)
 
 
 def adopted(found: Mission, author: str = "A2") -> Entry:
-    return entry(author, f"mission_adopted/{found.revision_number}", AdoptedMission(found.digest))
+    return entry(author, f"mission_adopted/{found.number}", AdoptedMission(found.digest))
 
 
 def held(author: str, found: Mission, problem: str = "", by: int = 0) -> Entry:
-    record = HeldMission(found.revision_number, found.digest, problem, by)
+    record = HeldMission(found.number, found.digest, problem, by)
     return entry(author, "mission_held", record)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.features.revisions.revise import RevisionError, revise
+from mrbt_mesh.features.revisions.section import revision_of, without_revision
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim.chaos.generate import generate_mission
 from mrbt_mesh.sim.chaos.vary import varied
@@ -115,7 +115,7 @@ def test_back_and_forth() -> None:
     other = revise(BEFORE, mission("{Sequence: [check(3), join(1)]}"))
     back = revise(other, BEFORE)
     assert numbers(back) == OLD
-    assert (back.revision_number, back.team_digest) == (2, BEFORE.digest)
+    assert (back.number, back.team_digest) == (2, BEFORE.digest)
     forth = revise(back, mission("{Sequence: [check(3), join(1)]}"))
     assert numbers(forth) == numbers(other)
 
@@ -131,9 +131,10 @@ def test_any_revision_can_be_sent_and_read(seed: int, number: int) -> None:
     assert (read, read.digest) == (after, after.digest)
     found = [node.number for node in after.tree.nodes]
     assert len(set(found)) == len(found)
-    assert after.revision is not None
-    assert max(found) < after.revision.next_node
-    assert replace(after, revision=None).tree == after.tree
+    revision = revision_of(after)
+    assert revision is not None
+    assert max(found) < revision.next_node
+    assert without_revision(after).tree == after.tree
     old = {node.number: node for node in same.tree.nodes}
     for node in after.tree.nodes:
         if node.number in old and node.kind is Kind.ACTION:
