@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 HASH_BYTES = 16
 DOWN = "mrbt down"
+CONTINUE = "mrbt up --continue"
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from mrbt_mesh.views.replay.check_named import (
     misnamed,
 )
 from mrbt_mesh.views.replay.check_recording import RecordingCheck
-from mrbt_mesh.views.replay.findings import Gap, GapKind, ProvedRecording, RecordingFinding
+from mrbt_mesh.views.replay.findings import End, Gap, GapKind, ProvedRecording, RecordingFinding
 
 _WITHOUT = "start the team without --insecure (simulated runs have no keys)"
 _ACCEPT_END = f"if nothing more was recorded, accept it with --accept {GapKind.END}"
@@ -57,6 +57,7 @@ class TeamCheck:
     gaps: list[Gap] = field(default_factory=list)
     findings: list[RecordingFinding] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    ends: dict[str, End] = field(default_factory=dict)
 
     def run(self) -> None:
         """Find what is proved, and what is not."""
@@ -158,6 +159,7 @@ class TeamCheck:
     def _recording(self, check: RecordingCheck) -> None:
         recording = check.recording
         if not recording.records:
+            self.ends[recording.name] = self._end(recording)
             text = "it holds no record: its writer was ended at once"
             self._gap(GapKind.END, recording.name, _with_torn(text, recording), _ACCEPT_END)
             return
@@ -165,6 +167,7 @@ class TeamCheck:
         is_ended = recording.cut_off_at is None
         if self.manifest is not None:
             is_ended = last is not None and last.is_end
+        self.ends[recording.name] = End.CLOSED if is_ended else self._end(recording)
         end = "its end" if is_ended else self._missing_end(recording, last)
         if self.manifest is None:
             return
@@ -175,6 +178,14 @@ class TeamCheck:
             until_us = max(0, last.until_us - recording.begin_us)
             self.proved.append(ProvedRecording(recording.name, last.by, until_us, end))
             self._unsigned_end(recording, last)
+
+    def _end(self, recording: Recording) -> End:
+        """Return how a recording without an end ended: its robot may have died."""
+        if not is_finished((recording.parts or (recording,))[-1].path):
+            return End.WRITTEN
+        life = _last_life(recording)
+        has_died = life is not None and any(dead for *_, dead in self._deaths(recording, life))
+        return End.KILLED if has_died else End.ABRUPT
 
     def _unsigned_end(self, recording: Recording, last: Signature) -> None:
         """Check what follows the last signature: a killed robot has recorded little after it."""
@@ -223,7 +234,7 @@ class TeamCheck:
         last_us = _unix_us(recording, recording.records[-1].at_us)
         if not found:
             return self._finished_end(recording, last)
-        at_us, by, looked_us = found[0]
+        at_us, by, looked_us, _ = found[0]
         timing = recording.metadata.timing
         # A recording that began later, or whose robot joined later, has not watched before: all may
         # have ended at once, and a robot that hears nobody waits long before it joins.
@@ -233,7 +244,7 @@ class TeamCheck:
             self._gap(GapKind.END, recording.name, text, "give the whole file")
         at_s = (at_us - _unix_us(recording, recording.begin_us)) / 1e6
         self._open_end(recording, last)
-        others = ", ".join(sorted({name for _, name, _ in found}))
+        others = ", ".join(sorted({name for _, name, *_ in found}))
         return f"no end: killed ({others} noticed, at {at_s:.3f} s first)"
 
     def _open_end(self, recording: Recording, last: Signature | None) -> None:
@@ -267,8 +278,12 @@ class TeamCheck:
         last_us = max((_unix_us(each, each.records[-1].at_us) for each in begun), default=end_us)
         return last_us - end_us > round(LEAVE_LIMIT_S * 1e6) + CLOCKS_US
 
-    def _deaths(self, recording: Recording, life: Incarnation) -> Iterator[tuple[int, str, int]]:
-        """Yield (Unix time, file, watching since) of recordings in which this life is over."""
+    def _deaths(
+        self, recording: Recording, life: Incarnation
+    ) -> Iterator[tuple[int, str, int, bool]]:
+        """Yield (Unix time, file, watching since, whether its owner held the robot for dead) of
+        recordings in which this life is over.
+        """
         robot = recording.metadata.robot
         for check in self.checks:
             other = check.recording
@@ -288,7 +303,9 @@ class TeamCheck:
                     is_known = each.number > check.state_until
                     end_us = _unix_us(recording, recording.records[-1].at_us)
                     at_us = _unix_us(other, each.at_us) if is_known else end_us
-                    yield at_us, other.name, _unix_us(other, _joined_us(other))
+                    is_this = read_incarnation(each.data["incarnation"]) == life
+                    is_dead = is_this and each.data.get("state") == "dead"
+                    yield at_us, other.name, _unix_us(other, _joined_us(other)), is_dead
                     break
 
     # -- what robots have said of their recordings --------------------------------------------

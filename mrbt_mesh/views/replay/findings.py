@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from mrbt_mesh.runtime.command_log import NotedCommand
@@ -47,6 +47,19 @@ class ProvedRecording:
 
     def __str__(self) -> str:
         return f"{self.file}: signed by {self.by} until {self.until_us / 1e6:.3f} s; {self.end}"
+
+
+class End(enum.StrEnum):
+    """How a recording ends.
+
+    CLOSED: its writer ended it. KILLED: others noticed that its robot died. ABRUPT: it has no end,
+    and nobody says that its robot died. WRITTEN: a process holds the file.
+    """
+
+    CLOSED = "closed"
+    KILLED = "killed"
+    ABRUPT = "abrupt"
+    WRITTEN = "written"
 
 
 class GapKind(enum.StrEnum):
@@ -101,6 +114,7 @@ class Verification:
     the key behind all signatures, empty without one. `notes`: what was left out and why;
     `no_evidence`: files of the run that nothing proves. `commands`: the noted commands of
     operators. `is_running`: the team was at work, and this is of what it had recorded by then.
+    `ends`: how each of the `files` ends.
     """
 
     files: tuple[str, ...]
@@ -114,6 +128,7 @@ class Verification:
     no_evidence: tuple[str, ...] = ()
     commands: tuple[NotedCommand, ...] = ()
     is_running: bool = False
+    ends: Mapping[str, End] = field(default_factory=dict)
 
     @property
     def is_proved(self) -> bool:

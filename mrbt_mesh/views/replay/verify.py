@@ -109,6 +109,7 @@ def verify(
         files.others if files is not None else (),
         tuple(commands),
         is_running,
+        team.ends,
     )
 
 

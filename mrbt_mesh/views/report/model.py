@@ -14,6 +14,8 @@ from typing import Any
 
 # A robot's state, or a run's result: the recordings end before.
 NOT_KNOWN = "not known"
+# Further results of a run: an operator has ended it, or its team is at work.
+ENDED, RUNNING = "ended", "running"
 
 
 @dataclass(frozen=True)
@@ -317,7 +319,7 @@ class RunReport:
 
 @dataclass(frozen=True)
 class RunParts:
-    """A run; if it was continued, what each of its observers saw, in that order."""
+    """A run; if it was continued, each launch of it, in order."""
 
     runs: tuple[RunReport, ...]
 

@@ -15,6 +15,7 @@ from mrbt_mesh.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
 from mrbt_mesh.views.report.model import (
     NOT_KNOWN,
+    RUNNING,
     Disagreement,
     ReportedFault,
     ReportedPlan,
@@ -169,7 +170,7 @@ def _cards(run: RunReport) -> str:
     taken = [fault for fault in held if fault.replacement]
     died, lost = len(run.deaths), len(run.faults) - len(run.deaths)
     cards = [
-        (_seconds(run.duration_s), "from the first robot's joining to the result"),
+        (_seconds(run.duration_s), f"from the first robot's joining {_until(run)}"),
         (f"{died} + {lost}", "deaths (major faults) and losses of capabilities (minor)"),
     ]
     if names := _not_known(run):
@@ -187,6 +188,13 @@ def _cards(run: RunReport) -> str:
         for value, text in cards
     )
     return f'<div class="cards">{listed}</div>'
+
+
+def _until(run: RunReport) -> str:
+    """Until when the run is reported."""
+    if run.result in (NOT_KNOWN, RUNNING):
+        return "to the last record"
+    return "to the result" if run.result in CHIPS else "to the end"
 
 
 def _chart(run: RunReport) -> str:
@@ -432,7 +440,9 @@ def _agreed_share(run: RunReport) -> str:
 
 
 def _seconds(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f} s"
+    if value is None:
+        return "–"
+    return f"{value:.2f} s" if value >= 0 else f"{-value:.2f} s before"
 
 
 def _ms(value: float | None) -> str:

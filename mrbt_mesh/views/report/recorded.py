@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.mission.names import name_order
 from mrbt_mesh.formats.expand import call_text
@@ -35,12 +35,18 @@ ON_WAY = "it went to its place, and waited for its partners there if it has any"
 
 
 def report_recording(
-    recording: Recording, title: str, told: RunReport | None = None, *, is_continued: bool = False
+    recording: Recording,
+    title: str,
+    told: RunReport | None = None,
+    died_us: Mapping[str, int] | None = None,
+    *,
+    is_continued: bool = False,
 ) -> RunReport:
     """Play the recording once and count. Raises RecordingError if it is damaged.
 
-    `told`: the run's summary, which also knows its end and deaths that nobody saw. `is_continued`:
-    the recording began later than the run.
+    `told`: the run's summary, which also knows its end and deaths that nobody saw. `died_us`:
+    robots that others saw die, and their last signs of life. `is_continued`: the recording began
+    later than the run.
     """
     player, history = Player(recording), History()
     record = player.observer.record
@@ -50,6 +56,8 @@ def report_recording(
             history.look(player.observer, at_us)
     if told is not None:
         _add_unseen(record, told, player.end_us, is_continued)
+    for name, at_us in (died_us or {}).items():
+        record.died_unseen(name, player.end_us, at_us)
     end_us = player.end_us if record.ended_us is None else record.ended_us
     end_us = max([end_us, *(f.at_us for f in record.major if record.result is None)])
     history.end(end_us)
@@ -57,7 +65,7 @@ def report_recording(
     result = summary["result"] if told is None else told.result
     states = {each.robot: each.state for each in told.robots} if told is not None else {}
     robot = recording.metadata.robot
-    notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
+    notes = [_seen_by(recording)] * bool(robot)
     notes += [f"{recording.name}: {x}" for x in (recording.torn, recording.begins_late) if x]
     if record.started_us is None:
         notes.append("no robot had joined")
@@ -89,6 +97,14 @@ def report_recording(
         scheduled=_scheduled(history, spans, start_us),
         jobs=_jobs(player.observer),
     )
+
+
+def _seen_by(recording: Recording) -> str:
+    """Return the note on a report that is a robot's view."""
+    where = "nobody recorded what others reported of their plans"
+    if recording.metadata.is_observed:
+        where = "what others reported of their plans is in the observer's recording"
+    return f"as {recording.metadata.robot} saw it; {where}"
 
 
 def _jobs(observer: Observer) -> tuple[ReportedJob, ...]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -13,10 +12,15 @@ from typing import Any, TypeAlias
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.reader import EmptyRecordingError, Recording, open_recording
-from mrbt_mesh.runtime.command_log import read_regular
+from mrbt_mesh.runtime.command_log import NotedCommand, read_regular
 from mrbt_mesh.runtime.run_dir import SIGNATURE_FILE, SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import GapKind, Verification
-from mrbt_mesh.views.report.abrupt_ends import with_abrupt_ends
+from mrbt_mesh.views.report.launches import (
+    commands_of,
+    launches_of,
+    missing_launches,
+    with_ends,
+)
 from mrbt_mesh.views.report.model import (
     Proof,
     ReportedCommand,
@@ -41,31 +45,17 @@ def read_report(path: Path, verify: Verify) -> RunParts:
 
 
 def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
-    """Yield the run, or one part for each of its observers, in order, if it was continued."""
+    """Yield the run, or one part for each of its launches, in order, if it was continued."""
     summary = path / SUMMARY_FILE
     data = _json_object(summary) if summary.exists() else None
-    title, files = path.resolve().name, _recordings_of(path)
+    title = path.resolve().name
     with _refusing(f"{summary}: is not a summary of a run"):
-        if files:
-            opened = map(open_recording, sorted(files, key=lambda file: len(file.name)))
-            recordings = sorted(opened, key=_began_unix_us)
+        if files := first_parts([*robot_files(path), *observer_files(path)]):
             proof = verify(path)
-            is_told = data is not None and _is_as_signed(proof)
-            told = report_summary(data, title) if data is not None and is_told else None
-            begins = [_began_unix_us(each) / 1e6 for each in recordings]
-            for at, recording in enumerate(recordings):
-                more = f", {recording.name}" if len(recordings) > 1 else ""
-                is_last = at == len(recordings) - 1
-                found = report_recording(
-                    recording, f"{title}{more}", told if is_last else None, is_continued=at > 0
-                )
-                if is_last and told is None:
-                    found = with_abrupt_ends(found, recording, _robots_last(path))
-                began_unix_s = found.identity.began_unix_s if found.identity is not None else None
-                from_s = begins[at] if at else -math.inf
-                until_s = [*begins, math.inf][at + 1]
-                commands = tuple(_commands(proof, began_unix_s, from_s, until_s))
-                yield replace(found, proof=_proof(proof), commands=commands)
+            told = None
+            if data is not None and _is_as_signed(proof):
+                told = report_summary(data, title)
+            yield from report_launches(_opened(files), title, told, proof)
             return
         if data is not None:
             yield report_summary(data, title)
@@ -75,6 +65,48 @@ def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
     )
 
 
+def report_launches(
+    recordings: Iterable[Recording], title: str, told: RunReport | None, proof: Verification
+) -> Iterator[RunReport]:
+    """Yield the launches of a run in order; `told`: its summary, which is of the last one.
+
+    Raises RecordingError for a damaged recording.
+    """
+    launches = launches_of(recordings)
+    commands = commands_of(launches, proof.commands)
+    missing = missing_launches(launches, proof.commands)
+    parts = [
+        (launch, given, each)
+        for launch, given in zip(launches, commands, strict=True)
+        for each in launch.shown
+    ]
+    for at, (launch, given, recording) in enumerate(parts):
+        more = f", {recording.name}" if len(parts) > 1 else ""
+        tells = told if at == len(parts) - 1 else None
+        died_us = launch.died_us(proof, recording)
+        found = report_recording(recording, title + more, tells, died_us, is_continued=at > 0)
+        found = with_ends(found, launch, recording, proof, given, is_told=tells is not None)
+        if missing and not at:
+            found = replace(found, notes=(*found.notes, missing))
+        began_unix_s = found.identity.began_unix_s if found.identity is not None else None
+        reported = tuple(_command(each, began_unix_s) for each in given)
+        yield replace(found, proof=_proof(proof), commands=reported)
+
+
+def _opened(files: Iterable[Path]) -> list[Recording]:
+    """Return the recordings of files, except of those that hold nothing yet."""
+    found: list[Recording] = []
+    empty: list[EmptyRecordingError] = []
+    for path in files:
+        try:
+            found.append(open_recording(path))
+        except EmptyRecordingError as error:
+            empty.append(error)
+    if not found:
+        raise empty[0]
+    return found
+
+
 def _is_as_signed(found: Verification) -> bool:
     """Return whether nothing speaks against the summary; without keys nothing proves it either."""
     files = {each.file for each in found.findings}
@@ -82,43 +114,15 @@ def _is_as_signed(found: Verification) -> bool:
     return files.isdisjoint((SUMMARY_FILE, SIGNATURE_FILE))
 
 
-def _robots_last(run_dir: Path) -> list[Recording]:
-    """Return the last recording of each robot."""
-    found: dict[str, Recording] = {}
-    for path in first_parts(robot_files(run_dir)):
-        with contextlib.suppress(EmptyRecordingError):
-            each = open_recording(path)
-            robot = each.metadata.robot
-            if robot not in found or _began_unix_us(found[robot]) < _began_unix_us(each):
-                found[robot] = each
-    return list(found.values())
-
-
 def _proof(found: Verification) -> Proof:
     findings, gaps = tuple(map(str, found.findings)), tuple(map(str, found.gaps))
     return Proof(found.files, found.team_key, dict(found.counts), findings, gaps)
 
 
-def _began_unix_us(recording: Recording) -> int:
-    return recording.metadata.epoch_ns // 1_000 + recording.begin_us
-
-
-def _commands(
-    found: Verification, began_unix_s: float | None, from_s: float, until_s: float
-) -> Iterator[ReportedCommand]:
-    """Yield the commands of a run between two times; a line that was cut off is omitted."""
-    for each in found.commands:
-        if each.unix_s is not None and from_s <= each.unix_s < until_s:
-            at_s = None if began_unix_s is None else each.unix_s - began_unix_s
-            yield ReportedCommand(at_s, each.by, each.command, each.signer)
-
-
-def _recordings_of(run_dir: Path) -> list[Path]:
-    """Return the observers' recordings, else a robot's newest one, which has most of the run."""
-    if observed := first_parts(observer_files(run_dir)):
-        return observed
-    files = robot_files(run_dir)
-    return first_parts(sorted(files, key=lambda file: file.stat().st_mtime_ns)[-1:])
+def _command(noted: NotedCommand, began_unix_s: float | None) -> ReportedCommand:
+    known = None not in (noted.unix_s, began_unix_s)
+    at_s = (noted.unix_s or 0.0) - (began_unix_s or 0.0) if known else None
+    return ReportedCommand(at_s, noted.by, noted.command, noted.signer)
 
 
 @contextlib.contextmanager
