@@ -40,7 +40,7 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
 )
 from mrbt_mesh.core.mission.travel import Travel
-from mrbt_mesh.features.bids.needs import bid_rule
+from mrbt_mesh.features.bids.needs import BidRule
 from mrbt_mesh.features.exclusive.policy import CoalitionPolicy
 from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.runtime.program import RobotProgram
@@ -97,7 +97,7 @@ def mission_of(case: Mapping[str, Any], plain: bool) -> Mission:
         global_tasks={
             f"task({number})": GlobalTask(
                 f"task({number})",
-                tuple(Need(name, 1, 1, None, bid_rule() if plain else ()) for name in names),
+                tuple(Need(name, 1, 1, None, BidRule() if plain else None) for name in names),
                 joint=CoalitionPolicy(simultaneous=True),
             )
             for number, names in needs.items()

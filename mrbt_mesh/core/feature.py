@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.facts.task_status import TeamMembers
     from mrbt_mesh.core.facts.team_facts import TeamFacts
     from mrbt_mesh.core.membership.wire import Heartbeat, Request, RequestAnswer
-    from mrbt_mesh.core.mission.conditions import ConditionType, EntryTraits
+    from mrbt_mesh.core.mission.conditions import ConditionType
     from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission, MissionEntries
     from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
     from mrbt_mesh.core.planning.consistency import LimitCheck
@@ -118,6 +118,14 @@ class Succession(ABC):
         """Whether a node of an earlier tree may come back under this number, or is yet to come."""
 
 
+class PerformanceRule(ABC):
+    """From what the performances for a need follow, where they are not as declared."""
+
+    @abstractmethod
+    def problem(self) -> str:
+        """What is wrong with it in a compiled mission, if that was damaged; empty: nothing."""
+
+
 class JointPolicy(ABC):
     """How the robots of a global task carry it out jointly, as parties; see `JointFacts`.
 
@@ -132,10 +140,6 @@ class JointPolicy(ABC):
     @property
     @abstractmethod
     def why_unscheduled(self) -> str: ...
-
-    @abstractmethod
-    def to_json(self) -> list[Any]:
-        """Four plain values, of which the mission asks features again: `Feature.joint_policy`."""
 
     @abstractmethod
     def problem(self) -> str:
@@ -463,7 +467,7 @@ class Built(NamedTuple):
 class Feature:
     """One feature. Every method may be left as it is here.
 
-    `section`: the name of what a compiled mission has of it, if it has anything.
+    `section`: the name of what a mission has of it, if it has anything.
     `commands`: the fields that operators command for it. `kinds`: kinds of facts about activations
     of global tasks, which are dropped with them -> of how many parts their names consist: kind,
     activation, and so on. `team_kinds`: the same of other kinds; `derived`: those that follow from
@@ -494,13 +498,13 @@ class Feature:
 
     # -- the mission --------------------------------------------------------------------------
 
-    def to_json(self, section: Any) -> Any:
-        """A section of a mission as plain data; empty data are left out of compiled missions."""
-        return section
+    def section_type(self) -> Any:
+        """The type of its section of a mission, of which `core.codec` makes plain data."""
+        raise NotImplementedError
 
-    def from_json(self, data: Any) -> Any:
-        """The inverse of `to_json`; raises ValueError or TypeError."""
-        return data
+    def mission_classes(self) -> Sequence[type]:
+        """Its kinds of `PerformanceRule`, `JointPolicy` and `EntryTraits`, as dataclasses."""
+        return ()
 
     def problem(self, section: Any, mission: Mission) -> str | None:
         """What is wrong with a section of a compiled mission, if it was damaged."""
@@ -522,22 +526,6 @@ class Feature:
 
     def limits(self, section: Any) -> Limits | None:
         """What limits which robots a plan may have work together; one feature at most has any."""
-        return None
-
-    def is_performance_rule(self, rule: Sequence[Any]) -> bool:
-        """Whether this is a `Need.performance_rule` of the feature, and not damaged."""
-        return False
-
-    def joint_policy(self, data: Sequence[Any]) -> JointPolicy | None:
-        """The inverse of `JointPolicy.to_json`; None if it is none of this feature. Raises
-        ValueError or TypeError.
-        """
-        return None
-
-    def condition_traits(self, data: Sequence[Any]) -> EntryTraits | None:
-        """The inverse of `EntryTraits.to_json`; None: they are none of the feature. Raises
-        ValueError or TypeError.
-        """
         return None
 
     def entries(
@@ -562,11 +550,11 @@ class Feature:
 
     def performance_rule(
         self, need: NeedModel, local_task: str, path: SourcePath, report: Report
-    ) -> tuple[Any, ...]:
-        """The `Need.performance_rule` for this local task, empty if the feature has none; problems
+    ) -> PerformanceRule | None:
+        """The `Need.performance_rule` for this local task, None if the feature has none; problems
         go to the report. `local_task`: empty while it is not known which one it is.
         """
-        return ()
+        return None
 
     def build_joint(
         self, task: GlobalTaskModel, path: SourcePath, report: Report
@@ -676,3 +664,16 @@ def used(sections: Mapping[str, Any]) -> Iterator[tuple[Feature, Any]]:
 def overrides(made: object, base: type, name: str) -> bool:
     """Whether an object has a method of its own in the place of that of a base class."""
     return getattr(type(made), name) is not getattr(base, name)
+
+
+def section_type(name: str) -> Any:
+    """The type of a section of missions; None: no feature has a section of this name."""
+    found = (each.section_type() for each in features() if name and each.section == name)
+    return next(found, None)
+
+
+@cache
+def classes_of(base: type) -> tuple[type, ...]:
+    """The dataclasses that features have of a base class in missions."""
+    found = (kind for feature in features() for kind in feature.mission_classes())
+    return tuple(kind for kind in found if issubclass(kind, base))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Kind, Tree, TreeError, build_tree
-from mrbt_mesh.core.feature import Built, JointPolicy, features
+from mrbt_mesh.core.feature import Built, JointPolicy, PerformanceRule, features
 from mrbt_mesh.core.mission.mission import (
     MAX_AT_MOST,
     MAX_GLOBAL_TASKS,
@@ -391,10 +391,10 @@ class _Builder:
 
     def performance_rule(
         self, need: NeedModel, local_task: str, path: SourcePath
-    ) -> tuple[Any, ...]:
+    ) -> PerformanceRule | None:
         """The rule of the feature that has one for this need."""
         given = (each.performance_rule(need, local_task, path, self.report) for each in features())
-        return next(filter(None, given), ())
+        return next(filter(None, given), None)
 
     def check_effects(self) -> None:
         conditions = {name: list(each.parameters) for name, each in self.model.conditions.items()}

@@ -324,9 +324,9 @@ def test_as_many_jobs_as_there_may_be_have_room_in_the_tree() -> None:
     assert problem.line == 45
     assert "has 20003 nodes, and 20000 are allowed; give its Jobs" in problem.message
     fitting = compile_mission(load(many.replace("at_most: 1000", "at_most: 999")))
-    assert '"Jobs","","",999,' in fitting
+    assert '"limit":999' in fitting
     with pytest.raises(FileError, match="too many nodes"):
-        mission_from_compiled(fitting.replace('"Jobs","","",999,', '"Jobs","","",1000,'), "m.json")
+        mission_from_compiled(fitting.replace('"limit":999', '"limit":1000'), "m.json")
 
 
 def test_a_text_that_may_become_too_long_is_refused() -> None:
@@ -433,51 +433,60 @@ def test_a_tree_in_a_file_gets_the_values_of_the_job(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "message"),
+    ("damage", "message"),
     [
-        (["jobs", 0, 0], "in spect", "job type in spect"),
-        (["jobs", 0, 0], "other", "each job type is in one Jobs node"),
-        (["jobs", 1], None, ""),
-        (["jobs", 0, 1, 0, 0], "number of", "parameter 'number of'"),
-        (["jobs", 0, 1, 1, 0], "number", "parameters"),
-        (["jobs", 0, 1, 1, 1, 0], "a b", "choices"),
-        (["jobs", 0, 1, 1, 1, 0], "dock_2", "choices"),
-        (["jobs", 0, 1, 1, 1, 0], 3, ""),
-        (["jobs", 0, 1, 1, 1, 0], "dock_3", "places"),
-        (["jobs", 0, 1, 0, 2], 3, "numbers"),
-        (["jobs", 0, 1, 0, 3], 1.5, "numbers"),
-        (["jobs", 0, 1, 0, 3], 10**10, "numbers"),
-        (["jobs", 0, 2, 0], -1, "priority"),
-        (["jobs", 0, 2, 1], 0, "deliver"),
-        (["jobs", 0, 2, 2], 1, "ends_mission"),
-        (["jobs", 0, 3, 0, 0], "fetch(2)", "ground names"),
-        (["jobs", 0, 3, 0, 0], "fetch({nr})", ""),
-        (["jobs", 0, 3, 0, 1, 0, 0], "lift({nr})", ""),
-        (["jobs", 0, 3, 0, 1, 0, 1], 0, "no robot is needed"),
-        (["jobs", 0, 3, 2, 1, 0, 3, 0], "look({number})", "same_robot_as"),
-        (["jobs", 0, 4, "stow(dock_1)"], "dock_1", "ground names"),
-        (["jobs", 0, 4, "stow({to})"], "shelf_{to}", "places"),
-        (["jobs", 0, 5], {"files": [], "trees": {"stow({to})": [0, "T", [], []]}}, ""),
-        (["ends"], "once", "never ends"),
-        (["tree", 7, 1, 3], 0, ""),
-        (["tree", 7, 1, 3], 1001, "jobs at a time"),
-        (["tree", 7, 1, 7, 0, 0], "ForceSuccess", "children of Jobs"),
-        (["tree", 7, 1, 7, 0, 1], "deliver", "each job type is in one Jobs node"),
-        (["tree", 5], "while_running", "above Jobs"),
-        (["tree", 7, 1, 7, 0, 7, 0, 2], "look({here})", ""),
-        (["tree", 7, 1, 7, 0, 7, 0], ["Jobs", "", "", 1, 0, "none", 0, []], "of Jobs"),
-        (["jobs"], [], "each job type is in one Jobs node"),
+        ("jobs['in spect'] = jobs.pop('inspect')", "job type in spect"),
+        ("jobs['other'] = jobs.pop('deliver')", "each job type is in one Jobs node"),
+        ("jobs['deliver'] = None", "jobs.deliver: an object expected"),
+        ("parameters[0]['name'] = 'number of'", "parameter 'number of'"),
+        ("parameters[1]['name'] = 'number'", "parameters"),
+        ("parameters[1]['choices'][0] = 'a b'", "choices"),
+        ("parameters[1]['choices'][0] = 'dock_2'", "choices"),
+        ("parameters[1]['choices'][0] = 3", "parameters.1.choices.0: a text expected"),
+        ("parameters[1]['choices'][0] = 'dock_3'", "places"),
+        ("parameters[0]['low'] = 3", "numbers"),
+        ("parameters[0]['high'] = 1.5", "parameters.0.high: a whole number expected"),
+        ("parameters[0]['high'] = 10**10", "numbers"),
+        ("deliver['priority'] = -1", "priority"),
+        ("deliver['deadline_us'] = 0", "deliver: deadline"),
+        ("deliver['ends_mission'] = 1", "ends_mission: true or false expected"),
+        ("tasks[0]['id'] = 'fetch(2)'", "ground names"),
+        ("tasks[0]['id'] = 'fetch({nr})'", ""),
+        ("tasks[0]['needs'][0]['local_task'] = 'lift({nr})'", ""),
+        ("tasks[0]['needs'][0]['min_robots'] = 0", "no robot is needed"),
+        (
+            "tasks[2]['needs'][0]['same_robot_as']['global_task'] = 'look({number})'",
+            "same_robot_as",
+        ),
+        ("deliver['at']['stow(dock_1)'] = 'dock_1'", "ground names"),
+        ("deliver['at']['stow({to})'] = 'shelf_{to}'", "places"),
+        (
+            "deliver['program_trees'] = {'trees': {'stow({to})': [0, 'T', [], []]}}",
+            "tree of stow({to}): file 0",
+        ),
+        ("d['ends'] = 'once'", "never ends"),
+        ("open_jobs['limit'] = 0", ""),
+        ("open_jobs['limit'] = 1001", "jobs at a time"),
+        ("open_jobs['children'][0]['kind'] = 'ForceSuccess'", "children of Jobs"),
+        ("open_jobs['children'][0]['name'] = 'deliver'", "each job type is in one Jobs node"),
+        ("d['tree']['memory'] = 'while_running'", "above Jobs"),
+        ("open_jobs['children'][0]['children'][0]['subject'] = 'look({here})'", ""),
+        ("open_jobs['children'][0]['children'] = [{'kind': 'Jobs', 'limit': 1}]", "of Jobs"),
+        ("d['jobs'] = {}", "each job type is in one Jobs node"),
     ],
 )
-def test_a_damaged_compiled_mission_is_refused(
-    path: list[str | int], value: Any, message: str
-) -> None:
+def test_a_damaged_compiled_mission_is_refused(damage: str, message: str) -> None:
     data = json.loads(compile_mission(load()))
-    *parents, last = path
-    inside = data
-    for part in parents:
-        inside = inside[part]
-    inside[last] = value
+    deliver = data["jobs"]["deliver"]
+    names = {
+        "d": data,
+        "jobs": data["jobs"],
+        "deliver": deliver,
+        "parameters": deliver["parameters"],
+        "tasks": deliver["global_tasks"],
+        "open_jobs": data["tree"]["children"][1],
+    }
+    exec(damage, names)
     with pytest.raises(FileError) as caught:
         mission_from_compiled(json.dumps(data), "m.json")
     (problem,) = caught.value.problems

@@ -21,7 +21,7 @@ from mrbt_mesh.core.mission.mission import (
     mission_from_json,
     performance,
 )
-from mrbt_mesh.features.bids.needs import bid_rule, has_bids
+from mrbt_mesh.features.bids.needs import BidRule, has_bids
 from mrbt_mesh.formats.build import mission_from_yaml, resolve_program
 from mrbt_mesh.formats.mission_file import (
     FileError,
@@ -58,7 +58,7 @@ def test_bids_are_read() -> None:
     for text, within_us in (("bid", None), ("{bid_within_s: 1.5}", 1_500_000)):
         mission = load_text(SMALL.replace("{}}}\ntree", f"{{performance: {text}}}}}}}\ntree"))
         (need,) = mission.global_tasks["fix(3)"].needs
-        assert need == Need("weld(3)", 1, 1, performance_rule=bid_rule(within_us))
+        assert need == Need("weld(3)", 1, 1, performance_rule=BidRule(within_us))
         assert mission_from_compiled(compile_mission(mission), "m.json") == mission
         assert mission.digest != declared.digest
 
@@ -323,37 +323,69 @@ def _damaged(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("d['compiled'] = 99", "version 3 expected, found 99"),
+        ("d['compiled'] = 99", "version 4 expected, found 99"),
         ("d.pop('compiled')", "not a compiled mission"),
-        ("d.pop('tree')", "damaged: KeyError"),
-        ("d['name'] = 3", "name 3"),
-        ("d['program'] = 3", "program"),
-        ("d['parameters'] = []", "parameters"),
+        ("d.pop('tree')", "damaged: 'tree' is missing"),
+        ("d['name'] = 3", "name: a text expected, not 3"),
+        ("d['program'] = 3", "program: a text or null expected, not 3"),
+        ("d['parameters'] = []", "parameters: an object expected, not []"),
         ("d['robots'] = {}", "0 robots"),
-        ("d['robots'] = 3", "damaged"),
+        ("d['robots'] = 3", "robots: an object expected, not 3"),
         ("d['robots']['../x'] = d['robots']['A1']", "robot id '../x'"),
-        ("d['robots']['A1'][0] = 'B'", "type 'B'"),
-        ("d['robots']['A1'][1]['weld'] = -1", "performance -1"),
-        ("d['robots']['A1'][1]['weld'] = True", "performance True"),
-        ("d['robots']['A1'][1]['x'] = 1", "unknown capability 'x'"),
-        ("d['robot_types']['A']['weld'] = 1.5", "performance 1.5"),
-        ("d['local_tasks']['weld'][1] = 0", "work"),
-        ("d['conditions']['dry'][1] = 'no'", "condition dry"),
-        ("d['global_tasks'][0][1][0][0] = 'weld'", "local task 'weld'"),
-        ("d['global_tasks'][0][1][0][1] = 2", "bounds of weld(3)"),
-        ("d['global_tasks'][0][1][0][1] = -1", "bounds of weld(3)"),
-        ("d['global_tasks'][0][1][0][1] = 0", "no robot is needed"),
-        ("d['global_tasks'][0][2] = 'never'", "'never' is not a valid FailurePolicy"),
-        ("d['global_tasks'][0][3] = 0", "blocked"),
-        ("d['global_tasks'][0].append(0)", "failure"),
-        ("d['global_tasks'][0] += [5, 5]", "damaged"),
-        ("d['global_tasks'][0][4] = 0", "preemptive"),
-        ("d['tree'][2] = 'other'", "tree node 0: 'other'"),
-        ("d['tree'][0] = 'Condition'", "tree node 0: 'fix(3)'"),
-        ("d['tree'][0] = 'Sequence'", "needs at least one child"),
-        ("d['tree'][4] = 0.5", "tree node 0"),
-        ("d['tree'] = []", "not enough values"),
-        ("d['parameters']['x'] = float('inf')", "not JSON compliant"),
+        ("d['robots']['A1']['id'] = 'A1'", "robots.A1: id is given twice"),
+        ("d['robots']['A1']['type'] = 'B'", "type 'B'"),
+        ("d['robots']['A1']['capabilities']['weld'] = -1", "performance -1"),
+        (
+            "d['robots']['A1']['capabilities']['weld'] = True",
+            "robots.A1.capabilities.weld: a whole number expected, not True",
+        ),
+        ("d['robots']['A1']['capabilities']['x'] = 1", "unknown capability 'x'"),
+        ("d['robot_types']['A']['weld'] = 1.5", "robot_types.A.weld: a whole number expected"),
+        ("d['local_tasks']['weld']['work'] = 0", "work"),
+        ("d['local_tasks']['weld']['parameters'] = ['a', 1]", "weld.parameters.1: a text expected"),
+        ("d['conditions']['dry']['default'] = 'no'", "condition dry"),
+        ("d['conditions']['dry']['default'] = 1", "condition dry"),
+        ("d['global_tasks'] *= 2", "global_tasks: a key is given twice"),
+        ("d['global_tasks'][0]['needs'][0]['local_task'] = 'weld'", "local task 'weld'"),
+        ("d['global_tasks'][0]['needs'][0]['min_robots'] = 2", "bounds of weld(3)"),
+        ("d['global_tasks'][0]['needs'][0]['min_robots'] = -1", "bounds of weld(3)"),
+        ("d['global_tasks'][0]['needs'][0]['min_robots'] = 0", "no robot is needed"),
+        (
+            "d['global_tasks'][0]['needs'][0]['after'] = ''",
+            "global_tasks.0.needs.0.after: nothing of this name expected",
+        ),
+        (
+            "d['global_tasks'][0]['failure'] = 'never'",
+            "failure: paper or first or resilient expected, not 'never'",
+        ),
+        ("d['global_tasks'][0]['blocked_fail_after_us'] = 0", "blocked"),
+        ("d['global_tasks'][0]['failure_after_us'] = 0", "failure"),
+        ("d['global_tasks'][0]['effects'] = [['dry']]", "effects.0: a list of 2 expected"),
+        ("d['global_tasks'][0]['effects'] = [['wet', True]]", "effect on 'wet'"),
+        ("d['global_tasks'][0]['preemptive'] = 0", "preemptive: true or false expected, not 0"),
+        (
+            "d['global_tasks'][0]['joint'] = {'CoalitionPolicy': {'begin_within_us': 5}}",
+            "global task fix(3): coalitions",
+        ),
+        (
+            "d['global_tasks'][0]['joint'] = {'CoalitionPolicy': {'exclusive': 1}}",
+            "joint.CoalitionPolicy.exclusive: true or false expected",
+        ),
+        (
+            "d['global_tasks'][0]['joint'] = {'BidRule': {}}",
+            "joint: an object with CoalitionPolicy expected",
+        ),
+        ("d['tree']['subject'] = 'other'", "tree node 0: 'other'"),
+        ("d['tree']['kind'] = 'Condition'", "tree node 0: 'fix(3)'"),
+        ("d['tree']['kind'] = 'Sequence'", "needs at least one child"),
+        ("d['tree']['timeout_us'] = 0.5", "tree.timeout_us: a whole number expected"),
+        ("d['tree']['number'] = 1", "tree.number: nothing of this name expected"),
+        ("d['tree'] = []", "tree: an object expected, not []"),
+        ("d['parameters'] = {'x': float('inf')}", "not JSON compliant"),
+        (
+            "d['sections'] = {'assignment': 'spare_scarce'}",
+            "sections.assignment: nothing of this name expected",
+        ),
     ],
 )
 def test_a_damaged_compiled_mission_is_refused(change: str, message: str) -> None:

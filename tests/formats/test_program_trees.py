@@ -66,7 +66,13 @@ def test_compiled_and_read_again_it_is_the_same(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("damage", "value"),
-    [("files", []), ("trees", {"go(dock)": [0, 1, [], []]}), ("trees", {"go(dock)": [0]})],
+    [
+        ("files", []),
+        ("files", [["go.xml"]]),
+        ("trees", {"go(dock)": [0, 1, [], []]}),
+        ("trees", {"go(dock)": [-1, "Go", [], []]}),
+        ("trees", {"go(dock)": [0]}),
+    ],
 )
 def test_a_damaged_compiled_mission_is_refused(tmp_path: Path, damage: str, value: object) -> None:
     data = json.loads(json.dumps(read_xml(tmp_path).to_json()))

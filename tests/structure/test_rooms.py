@@ -21,11 +21,11 @@ NAMED = {
     "constraints": (33, 12),
     "contact": (0, 0),
     "exclusive": (0, 0),
-    "jobs": (179, 58),
-    "keys": (118, 33),
+    "jobs": (177, 58),
+    "keys": (117, 33),
     "large_teams": (11, 3),
     "revisions": (100, 29),
-    "travel": (331, 90),
+    "travel": (326, 88),
     "values": (0, 0),
 }
 # Lines of code of the modules that a robot's process imports before it begins.

@@ -131,9 +131,9 @@ def _need(local_task: str, least: int, most: int, *bid: Any) -> Need:
     if not bid:
         return Need(local_task, least, most)
     # Loaded here, as by all below: the kernel's own tests run without features.
-    from mrbt_mesh.features.bids.needs import bid_rule
+    from mrbt_mesh.features.bids.needs import BidRule
 
-    return Need(local_task, least, most, None, bid_rule(*bid[1:]))
+    return Need(local_task, least, most, None, BidRule(*bid[1:]))
 
 
 def make_mission(

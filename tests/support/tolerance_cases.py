@@ -71,7 +71,7 @@ class Case:
         lost = sorted(map(str, self.faults))
         holding = sorted(n for n, c in self.mission.conditions.items() if c.default)
         able = {r.id: list(r.capabilities) for r in self.mission.robots.values()}
-        tasks = [task.to_json() for task in self.mission.global_tasks.values()]
+        tasks = [*self.mission.global_tasks.values()]
         return (
             f"seed {self.seed}: lost {lost}, known: {self.are_known}, true: {holding}, "
             f"ends: {dict(self.ends)}, robots: {able}, tasks: {tasks}\n{drawn(self.mission)}"

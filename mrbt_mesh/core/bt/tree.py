@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+
+from mrbt_mesh.core.codec import NOT_WRITTEN
 
 MAX_DEPTH = 64
 MAX_NODES = 20_000
@@ -91,9 +92,9 @@ class NodeSpec:
     timeout_us: int = 0
     memory: Memory = Memory.NONE
     failures: int = 0
-    origin: int = -1
-    job: str = ""
-    number: int = -1
+    origin: int = field(default=-1, metadata=NOT_WRITTEN)
+    job: str = field(default="", metadata=NOT_WRITTEN)
+    number: int = field(default=-1, metadata=NOT_WRITTEN)
 
     def contains(self, kind: Kind) -> bool:
         """Whether this node or any below it is of the kind."""
@@ -205,7 +206,7 @@ class Tree:
     def spec(self, index: int = 0) -> NodeSpec:
         """The nested form of the subtree at `index`; `build_tree` takes it back."""
         node = self.nodes[index]
-        return node.spec(tuple(self.spec(child) for child in node.children))
+        return node.spec(tuple([self.spec(child) for child in node.children]))
 
 
 def _check(spec: NodeSpec, path: str, depth: int) -> None:
@@ -286,17 +287,3 @@ def build_tree(spec: NodeSpec) -> Tree:
 
     add(spec, -1, "", 1)
     return Tree(tuple(node for node in nodes if node is not None))
-
-
-def spec_to_json(spec: NodeSpec) -> list[Any]:
-    """A tree as plain data, for compiled missions. The numbers of nodes are not in it."""
-    children = [spec_to_json(child) for child in spec.children]
-    numbers = [spec.limit, spec.timeout_us, str(spec.memory), spec.failures]
-    return [str(spec.kind), spec.name, spec.subject, *numbers, children]
-
-
-def spec_from_json(data: list[Any]) -> NodeSpec:
-    """The inverse of `spec_to_json`; raises TypeError or ValueError for anything else."""
-    kind, name, subject, limit, timeout_us, memory, failures, children = data
-    nested = tuple(spec_from_json(child) for child in children)
-    return NodeSpec(Kind(kind), nested, name, subject, limit, timeout_us, Memory(memory), failures)

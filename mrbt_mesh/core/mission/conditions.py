@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.feature import features
+from mrbt_mesh.core.codec import KEY
 from mrbt_mesh.core.mission.failure_reasons import FailureReason
 
 # Of a condition or another entry; None: it is not set.
@@ -30,10 +29,6 @@ class EntryTraits(ABC):
     def fits(self, default: Value | None) -> bool:
         """Whether the traits are not damaged, and an entry with them may have this default."""
 
-    @abstractmethod
-    def to_json(self) -> list[Any]:
-        """Plain data: whether something is unusual of a condition, and what there is of others."""
-
 
 @dataclass(frozen=True, slots=True)
 class ConditionType:
@@ -43,7 +38,7 @@ class ConditionType:
     `failure`: it follows from failure reasons, and robots' programs do not set it.
     """
 
-    name: str
+    name: str = field(metadata=KEY)
     parameters: tuple[str, ...] = ()
     default: Value | None = False
     failure: FailureReason | None = None
@@ -53,15 +48,6 @@ class ConditionType:
     def is_truth(self) -> bool:
         """Whether it is true or false."""
         return self.traits is None or self.traits.is_truth
-
-    def to_json(self) -> list[Any]:
-        """Its fields in their order; the last ones only where they differ from the usual."""
-        first, *more = self.traits.to_json() if self.traits is not None else [False]
-        failure = self.failure.to_json() if self.failure is not None else None
-        rest = [first, failure, *more]
-        while rest and not more and not rest[-1]:
-            rest.pop()
-        return [list(self.parameters), self.default, *rest]
 
     def after_end(
         self, global_task: str, local_task: str, success: bool, reason: str
@@ -74,25 +60,6 @@ class ConditionType:
             return None
         name = f"{self.name}({','.join(arguments)})" if arguments else self.name
         return name, not success and self.failure.fits(reason)
-
-
-def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
-    """Read them from a compiled mission; raises TypeError or ValueError for anything else."""
-    return {name: _condition_from_json(name, row) for name, row in data.items()}
-
-
-def _condition_from_json(name: str, row: list[Any]) -> ConditionType:
-    parameters, *given = row
-    usual: list[Any] = [False, False, None]
-    default, first, failure, *more = given + usual[len(given) :]
-    reason = None if failure is None else FailureReason.from_json(failure)
-    traits = None
-    if first is not False or more:
-        found = (feature.condition_traits([first, *more]) for feature in features())
-        traits = next((each for each in found if each is not None), None)
-        if traits is None:
-            raise ValueError(f"condition {name}: unknown traits")
-    return ConditionType(name, tuple(parameters), default, reason, traits)
 
 
 def truth_of(value: Any) -> bool | None:

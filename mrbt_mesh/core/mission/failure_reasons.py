@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from mrbt_mesh.core.mission.names import split_call
 
@@ -65,17 +64,3 @@ class FailureReason:
             elif expected != found:
                 return None
         return tuple(bound[parameter] for parameter in parameters)
-
-    def to_json(self) -> list[Any]:
-        """Its fields in their order."""
-        return [self.kind, self.task, list(self.arguments), self.match, self.text]
-
-    @classmethod
-    def from_json(cls, data: Sequence[Any]) -> FailureReason:
-        """The inverse; raises TypeError or ValueError for anything else."""
-        kind, task, arguments, match, text = data
-        if kind not in (GLOBAL, LOCAL) or match not in (EQUALS, CONTAINS):
-            raise ValueError(f"no failure reason: {data!r:.80}")
-        if not all(isinstance(each, str) for each in (task, text, *arguments)):
-            raise ValueError(f"a failure reason is of texts, not {data!r:.80}")
-        return cls(kind, task, tuple(arguments), match, text)

@@ -12,21 +12,28 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression, Guard
-from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
-from mrbt_mesh.core.feature import JointPolicy, Limits, PlanStep, Succession, features, used
-from mrbt_mesh.core.mission.conditions import (
-    ConditionType,
-    Value,
-    conditions_from_json,
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Tree, build_tree
+from mrbt_mesh.core.codec import IN_ORDER, KEY, Codec, StandIn, TypesByName
+from mrbt_mesh.core.feature import (
+    JointPolicy,
+    Limits,
+    PerformanceRule,
+    PlanStep,
+    Succession,
+    classes_of,
+    features,
+    section_type,
+    used,
 )
+from mrbt_mesh.core.mission.conditions import ConditionType, Value
 from mrbt_mesh.core.mission.names import (
     bound,
     declared_name,
@@ -37,8 +44,8 @@ from mrbt_mesh.core.mission.names import (
 )
 from mrbt_mesh.core.mission.program_trees import (
     ProgramTree,
-    program_trees_from_json,
-    program_trees_to_json,
+    SharedTrees,
+    shared_trees,
 )
 from mrbt_mesh.core.mission.travel import Travel
 
@@ -52,7 +59,7 @@ MAX_CHOICES = 10_000
 MAX_PRIORITY = 1_000
 MAX_AT_MOST = 1_000
 MAX_NUMBER = 1_000_000_000
-COMPILED_VERSION = 3
+COMPILED_VERSION = 4
 
 _NUMBER = re.compile(r"0|-?[1-9][0-9]{0,9}")
 
@@ -101,7 +108,7 @@ class LocalTask:
     A robot with performance p needs work / p seconds for it.
     """
 
-    name: str
+    name: str = field(metadata=KEY)
     parameters: tuple[str, ...] = ()
     work: int = MICRO
 
@@ -139,37 +146,21 @@ class Need:
 
     With nu = 0 helpers are optional; a task has another need with nu > 0.
     `same_robot_as`: only robots that have succeeded with that before are assigned.
-    `performance_rule`: empty if performances are as declared, else the plain data of a feature from
-    which they follow. `after`: ` that did pick(1) of fetch(1)`, empty if any robot will do.
+    `performance_rule`: from what performances follow, None if they are as declared. `after`:
+    ` that did pick(1) of fetch(1)`, empty if any robot will do.
     """
 
     local_task: LocalTaskId
     min_robots: int
     max_robots: int
     same_robot_as: SameRobotAs | None = None
-    performance_rule: tuple[Any, ...] = ()
+    performance_rule: PerformanceRule | None = None
     after: str = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         before = self.same_robot_as
         after = f" that did {before.local_task} of {before.global_task}" if before else ""
         object.__setattr__(self, "after", after)
-
-    def to_json(self) -> list[Any]:
-        """Its fields in their order; the last ones only where they differ from the usual."""
-        before = self.same_robot_as
-        named = [before.global_task, before.local_task] if before else None
-        row = [self.local_task, self.min_robots, self.max_robots]
-        more = [named, *self.performance_rule]
-        return [*row, *more] if any(more) else row
-
-    @classmethod
-    def from_json(cls, data: list[Any]) -> Need:
-        """The inverse; raises TypeError or ValueError for anything else."""
-        local_task, least, most, *more = data
-        named, *rule = more or [None]
-        same = None if named is None else SameRobotAs(*named)
-        return cls(local_task, least, most, same, tuple(rule))
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +175,7 @@ class GlobalTask:
     `reads`: the blackboard entries that are arguments of its local tasks.
     """
 
-    id: GlobalTaskId
+    id: GlobalTaskId = field(metadata=KEY)
     needs: tuple[Need, ...]
     failure: FailurePolicy = FailurePolicy.RESILIENT
     blocked_fail_after_us: int | None = None
@@ -206,50 +197,6 @@ class GlobalTask:
     def need(self, local_task: LocalTaskId) -> Need | None:
         """Its need of a local task, None if it has none."""
         return next((need for need in self.needs if need.local_task == local_task), None)
-
-    def to_json(self) -> list[Any]:
-        """Its fields in their order; the last three only where they differ from the usual."""
-        *joint, joint_last = self.joint.to_json() if self.joint is not None else _NOT_JOINT
-        row = [
-            self.id,
-            [need.to_json() for need in self.needs],
-            str(self.failure),
-            self.blocked_fail_after_us,
-            self.preemptive,
-            *joint,
-        ]
-        effects = [list(effect) for effect in self.effects]
-        more = [self.failure_after_us, effects, joint_last]
-        while more and more[-1] in (None, []):
-            more.pop()
-        return [*row, *more]
-
-    @classmethod
-    def from_json(cls, data: list[Any]) -> GlobalTask:
-        """The inverse; raises TypeError or ValueError for anything else."""
-        name, needs, failure, blocked, preemptive, *others = data
-        joint, more = others[:3], others[3:]
-        usual: list[Any] = [None, [], None]
-        after_us, effects, joint_last = more + usual[len(more) :]
-        return cls(
-            name,
-            tuple(Need.from_json(need) for need in needs),
-            FailurePolicy(failure),
-            blocked,
-            preemptive,
-            _joint_policy([*joint, joint_last]),
-            after_us,
-            tuple((condition, value) for condition, value in effects),
-        )
-
-
-# What stands for `GlobalTask.joint` in a compiled mission where it is None.
-_NOT_JOINT: Sequence[Any] = (False, False, "hold", None)
-
-
-def _joint_policy(data: Sequence[Any]) -> JointPolicy | None:
-    found = (feature.joint_policy(data) for feature in features())
-    return next((policy for policy in found if policy is not None), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,12 +235,12 @@ class JobType:
     for ground names; `at` as in `Travel`.
     """
 
-    name: str
+    name: str = field(metadata=KEY)
     parameters: tuple[JobParameter, ...] = ()
     priority: int = 0
     deadline_us: int | None = None
     ends_mission: bool = False
-    global_tasks: Mapping[str, GlobalTask] = field(default_factory=dict)
+    global_tasks: Annotated[Mapping[str, GlobalTask], IN_ORDER] = field(default_factory=dict)
     at: Mapping[str, str] = field(default_factory=dict)
     program_trees: Mapping[str, ProgramTree] = field(default_factory=dict)
 
@@ -334,39 +281,12 @@ class JobType:
         """Local tasks, with placeholders, and the places where each may happen."""
         return ((task, place) for task, at in self.at.items() for place in self.values(at))
 
-    def to_json(self) -> list[Any]:
-        """Plain data; `from_json` takes it back."""
-        return [
-            self.name,
-            [[each.name, list(each.choices), each.low, each.high] for each in self.parameters],
-            [self.priority, self.deadline_us, self.ends_mission],
-            [task.to_json() for task in self.global_tasks.values()],
-            dict(self.at),
-            program_trees_to_json(self.program_trees),
-        ]
-
-    @classmethod
-    def from_json(cls, data: list[Any]) -> JobType:
-        """The inverse; raises TypeError or ValueError for anything else."""
-        name, parameters, usual, tasks, at, programs = data
-        priority, deadline_us, ends_mission = usual
-        return cls(
-            name,
-            tuple(JobParameter(each, tuple(those), *ends) for each, those, *ends in parameters),
-            priority,
-            deadline_us,
-            ends_mission,
-            {row[0]: GlobalTask.from_json(row) for row in tasks},
-            dict(at),
-            program_trees_from_json(programs),
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Robot:
     """A robot of the mission file: capabilities L_i with performance p(i, l) in micro-units."""
 
-    id: RobotId
+    id: RobotId = field(metadata=KEY)
     type: str
     capabilities: Mapping[str, int]
 
@@ -548,7 +468,7 @@ class Mission:
     robot_types: Mapping[str, Mapping[str, int]]
     local_tasks: Mapping[str, LocalTask]
     conditions: Mapping[str, ConditionType]
-    global_tasks: Mapping[GlobalTaskId, GlobalTask]
+    global_tasks: Annotated[Mapping[GlobalTaskId, GlobalTask], IN_ORDER]
     tree: Tree
     parameters: Mapping[str, Any] = field(default_factory=dict)
     program: str | None = None
@@ -559,7 +479,7 @@ class Mission:
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
     travel: Travel | None = None
     jobs: Mapping[str, JobType] = field(default_factory=dict)
-    sections: Mapping[str, Any] = field(default_factory=dict)
+    sections: Annotated[Mapping[str, Any], TypesByName(section_type)] = field(default_factory=dict)
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -569,10 +489,8 @@ class Mission:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical form, 64 hexadecimal digits."""
-        data = self.to_json() | {"program": None}
-        del data["costs"]
-        data.pop("solver", None)
-        text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+        agreed = replace(self, program=None, solver=None, costs=Costs()).to_json()
+        text = json.dumps(agreed, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
     @cached_property
@@ -700,73 +618,34 @@ class Mission:
         return None if work == MICRO else work
 
     def to_json(self) -> dict[str, Any]:
-        """The compiled mission as plain data; `mission_from_json` takes it back.
-
-        Entries that only some missions have are left out of others, which so keep their digests.
-        """
-        program_trees = program_trees_to_json(self.program_trees) if self.program_trees else None
-        optional = {
-            "solver": self.solver,
-            "ends": None if self.ends is MissionEnd.ONCE else str(self.ends),
-            "recorded": None if self.recorded is Recorded.IF_POSSIBLE else str(self.recorded),
-            "program_trees": program_trees,
-            "travel": self.travel.to_json() if self.travel is not None else None,
-            "jobs": [known.to_json() for known in self.jobs.values()],
-        }
-        for feature, section in used(self.sections):
-            optional[feature.section] = feature.to_json(section)
-        return {name: value for name, value in optional.items() if value} | {
-            "compiled": COMPILED_VERSION,
-            "name": self.name,
-            "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
-            "robot_types": {name: dict(c) for name, c in self.robot_types.items()},
-            "local_tasks": {
-                t.name: [list(t.parameters), t.work] for t in self.local_tasks.values()
-            },
-            "conditions": {c.name: c.to_json() for c in self.conditions.values()},
-            "global_tasks": [task.to_json() for task in self.global_tasks.values()],
-            "tree": spec_to_json(self.tree.spec()),
-            "parameters": dict(self.parameters),
-            "program": self.program,
-            "costs": [dict(self.costs.robots), dict(self.costs.capabilities)],
-        }
+        """The compiled mission as plain data; `mission_from_json` takes it back."""
+        data: dict[str, Any] = _CODEC.write(Mission, self)
+        return data | {"compiled": COMPILED_VERSION}
 
 
 def mission_from_json(data: Mapping[str, Any]) -> Mission:
     """Load a compiled mission, as `mrbt validate --compile` and `mrbt up` write it.
 
-    Raises ValueError if it was not compiled by this version.
+    Raises ValueError if it was not compiled by this version, or was damaged.
     """
     found = data.get("compiled")
     if type(found) is not int or found != COMPILED_VERSION:
         raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
-    # What this version does not know would be left out of the team's plans unnoticed.
-    known = {"compiled", *Mission.__dataclass_fields__, *(each.section for each in features())}
-    for name in sorted(data.keys() - known):
-        raise ValueError(f"compiled mission has an unknown entry: {name!r}")
     try:
-        sections = {feature.section: feature.from_json(section) for feature, section in used(data)}
-        tree = build_tree(spec_from_json(data["tree"]))
-        for feature, section in used(sections):
+        fields = {name: value for name, value in data.items() if name != "compiled"}
+        mission: Mission = _CODEC.read(Mission, fields)
+        tree = mission.tree
+        for feature, section in used(mission.sections):
             tree = feature.numbered(section, tree)
-        return Mission(
-            name=data["name"],
-            robots={i: Robot(i, kind, caps) for i, (kind, caps) in sorted(data["robots"].items())},
-            robot_types=data["robot_types"],
-            local_tasks={n: LocalTask(n, tuple(p), w) for n, (p, w) in data["local_tasks"].items()},
-            conditions=conditions_from_json(data["conditions"]),
-            global_tasks={row[0]: GlobalTask.from_json(row) for row in data["global_tasks"]},
-            tree=tree,
-            ends=MissionEnd(data.get("ends", MissionEnd.ONCE)),
-            recorded=Recorded(data.get("recorded", Recorded.IF_POSSIBLE)),
-            parameters=data["parameters"],
-            program=data["program"],
-            costs=Costs(*data["costs"]),
-            solver=data.get("solver"),
-            program_trees=program_trees_from_json(data.get("program_trees", {})),
-            travel=Travel.from_json(data["travel"]) if "travel" in data else None,
-            jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},
-            sections=sections,
-        )
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"compiled mission is damaged: {error!r}") from error
+    except ValueError as error:
+        raise ValueError(f"compiled mission is damaged: {error}") from None
+    return replace(mission, tree=tree)
+
+
+_CODEC = Codec(
+    {
+        Tree: StandIn(NodeSpec, Tree.spec, build_tree),
+        Mapping[str, ProgramTree]: StandIn(SharedTrees, shared_trees, SharedTrees.trees_by_task),
+    },
+    classes_of,
+)

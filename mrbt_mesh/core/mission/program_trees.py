@@ -6,8 +6,10 @@ Robots' programs run them (`mrbt_mesh.btcpp`); nothing here reads their nodes.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+_Pairs: TypeAlias = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,41 +24,37 @@ class ProgramTree:
     source: str
     xml: str
     tree: str
-    ports: tuple[tuple[str, str], ...] = ()
-    outputs: tuple[tuple[str, str], ...] = ()
+    ports: _Pairs = ()
+    outputs: _Pairs = ()
 
 
-def program_trees_to_json(trees: Mapping[str, ProgramTree]) -> dict[str, Any]:
-    """As plain data: each document once."""
+@dataclass(frozen=True, slots=True)
+class SharedTrees:
+    """Trees with each document once: `files` holds (source, xml), sorted; `trees` has, by local
+    task, the number of its file, `tree`, `ports` and `outputs`.
+    """
+
+    files: tuple[tuple[str, str], ...] = ()
+    trees: Mapping[str, tuple[int, str, _Pairs, _Pairs]] = field(default_factory=dict)
+
+    def trees_by_task(self) -> dict[str, ProgramTree]:
+        """The trees themselves; raises ValueError if there is no file of a number."""
+        numbers = range(len(self.files))
+        for name, (number, *_) in self.trees.items():
+            if number not in numbers:
+                raise ValueError(f"tree of {name}: file {number}")
+        return {
+            name: ProgramTree(*self.files[number], tree, ports, outputs)
+            for name, (number, tree, ports, outputs) in self.trees.items()
+        }
+
+
+def shared_trees(trees: Mapping[str, ProgramTree]) -> SharedTrees:
+    """The same trees, with each document once."""
     files = sorted({(tree.source, tree.xml) for tree in trees.values()})
     numbers = {file: number for number, file in enumerate(files)}
-    return {
-        "files": [list(file) for file in files],
-        "trees": {
-            name: [
-                numbers[tree.source, tree.xml],
-                tree.tree,
-                [list(pair) for pair in tree.ports],
-                [list(pair) for pair in tree.outputs],
-            ]
-            for name, tree in trees.items()
-        },
+    rows = {
+        name: (numbers[tree.source, tree.xml], tree.tree, tree.ports, tree.outputs)
+        for name, tree in trees.items()
     }
-
-
-def program_trees_from_json(data: Mapping[str, Any]) -> dict[str, ProgramTree]:
-    """The inverse; raises TypeError for anything else."""
-    found = {}
-    try:
-        for name, (number, tree, ports, outputs) in sorted(data.get("trees", {}).items()):
-            source, xml = data["files"][number]
-            pairs = [tuple((key, value) for key, value in each) for each in (ports, outputs)]
-            found[name] = ProgramTree(source, xml, tree, *pairs)
-    except (LookupError, ValueError, AttributeError) as error:
-        raise TypeError(f"trees of programs: {error}") from None
-    for each in found.values():
-        texts = [each.source, each.xml, each.tree]
-        texts += [text for pair in each.ports + each.outputs for text in pair]
-        if not all(isinstance(text, str) for text in texts):
-            raise TypeError("trees of programs are of texts")
-    return found
+    return SharedTrees(tuple(files), rows)

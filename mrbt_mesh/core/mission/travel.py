@@ -9,7 +9,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import isqrt
-from typing import Any
 
 from mrbt_mesh.core.scheduling.problem import Objective
 
@@ -125,35 +124,6 @@ class Travel:
                 return f"{way}, or give {missing}{robot_type} a speed"
         return ""
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain data; `from_json` takes it back."""
-        return {
-            "places": {name: at and list(at) for name, at in sorted(self.places.items())},
-            "at": dict(sorted(self.at.items())),
-            "start": dict(sorted(self.start.items())),
-            "speeds": dict(sorted(self.speeds.items())),
-            "ways_ms": [[*way, ms] for way, ms in sorted(self.ways_ms.items())],
-            "objective": str(self.objective),
-            "has_way_back": self.has_way_back,
-            "horizon": self.horizon,
-            "overtaking": self.overtaking,
-        }
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Travel:
-        """The inverse; raises KeyError, TypeError or ValueError for anything else."""
-        return cls(
-            {name: at if at is None else _point(*at) for name, at in data["places"].items()},
-            data["at"],
-            data["start"],
-            data["speeds"],
-            {(origin, goal): ms for origin, goal, ms in data["ways_ms"]},
-            Objective(data["objective"]),
-            data["has_way_back"],
-            data["horizon"],
-            data["overtaking"],
-        )
-
 
 def ways_between(
     table: Sequence[Sequence[int]], origin: int, goal: int, left_ms: int
@@ -170,7 +140,3 @@ def ways_between(
         square = (left_ms * back_ms**2 + done_ms * on_ms**2) // whole_ms - left_ms * done_ms
         found.append(min(isqrt(max(0, square)), done_ms + back_ms, left_ms + on_ms))
     return found
-
-
-def _point(x: int, y: int) -> tuple[int, int]:
-    return x, y

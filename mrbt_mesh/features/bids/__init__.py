@@ -10,9 +10,9 @@ from mrbt_mesh.features.bids.needs import (
     BID,
     CLOSED,
     IN_PLAN,
+    BidRule,
     by_bid,
     has_bids,
-    is_bid_rule,
 )
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ class Bids(Feature):
     kinds = {BID: 3, CLOSED: 3}  # noqa: RUF012
     in_plan = IN_PLAN
 
-    def is_performance_rule(self, rule: Sequence[Any]) -> bool:
-        return is_bid_rule(rule)
+    def mission_classes(self) -> Sequence[type]:
+        return (BidRule,)
 
     def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
         from mrbt_mesh.features.bids.file_fields import FIELDS
@@ -47,7 +47,7 @@ class Bids(Feature):
 
     def performance_rule(
         self, need: NeedModel, local_task: str, path: SourcePath, report: Report
-    ) -> tuple[Any, ...]:
+    ) -> BidRule | None:
         from mrbt_mesh.features.bids.file import performance_rule
 
         return performance_rule(need, local_task, path, report)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mrbt_mesh.core.feature import PerformanceRule
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission, Need
@@ -16,30 +18,26 @@ IN_PLAN = "bids"
 MAX_BID_WITHIN_US = 10_000_000
 
 
-def bid_rule(within_us: int | None = None) -> tuple[Any, ...]:
-    """The performance rule of a need for which robots bid, and plans wait this long; None: as long
-    as usual.
-    """
-    return True, within_us
+@dataclass(frozen=True, slots=True)
+class BidRule(PerformanceRule):
+    """Robots bid, and plans wait this long for bids; None: as long as usual."""
 
+    within_us: int | None = None
 
-def is_bid_rule(rule: Sequence[Any]) -> bool:
-    """True if plain data are such a rule."""
-    if len(rule) != 2 or rule[0] is not True:
-        return False
-    within_us = rule[1]
-    return within_us is None or (type(within_us) is int and 0 < within_us <= MAX_BID_WITHIN_US)
+    def problem(self) -> str:
+        is_right = self.within_us is None or 0 < self.within_us <= MAX_BID_WITHIN_US
+        return "" if is_right else f"bids within {self.within_us} us"
 
 
 def by_bid(need: Need) -> bool:
     """True if robots bid for this local task."""
-    return need.performance_rule[:1] == (True,)
+    return isinstance(need.performance_rule, BidRule)
 
 
 def bid_within_us(need: Need) -> int | None:
     """How long plans wait for bids; None: as long as usual."""
-    within_us: int | None = need.performance_rule[1]
-    return within_us
+    rule = need.performance_rule
+    return rule.within_us if isinstance(rule, BidRule) else None
 
 
 def has_bids(mission: Mission) -> bool:

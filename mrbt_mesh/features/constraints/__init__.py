@@ -9,16 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.feature import Built, Feature
-from mrbt_mesh.features.constraints.kinds import (
-    SECTION,
-    Constraint,
-    constraint_from_json,
-    constraint_to_json,
-)
+from mrbt_mesh.features.constraints.kinds import SECTION, Constraint, NeverTogether
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
+    from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.features.constraints.chaos import ConstraintsChaos
     from mrbt_mesh.features.constraints.checker import KeepsConstraints
     from mrbt_mesh.features.constraints.limits import ConstraintLimits
@@ -32,11 +28,12 @@ class Constraints(Feature):
 
     section = SECTION
 
-    def to_json(self, section: Sequence[Constraint]) -> Any:
-        return [constraint_to_json(constraint) for constraint in section]
+    def section_type(self) -> Any:
+        return tuple[Constraint, ...]
 
-    def from_json(self, data: Any) -> tuple[Constraint, ...]:
-        return tuple(map(constraint_from_json, data))
+    def problem(self, section: Sequence[Constraint], mission: Mission) -> str | None:
+        counts = (each.count for each in section if not isinstance(each, NeverTogether))
+        return None if all(count > 0 for count in counts) else "constraint: a number from 1"
 
     def limits(self, section: Sequence[Constraint]) -> ConstraintLimits | None:
         from mrbt_mesh.features.constraints.limits import ConstraintLimits

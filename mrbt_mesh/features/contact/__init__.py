@@ -35,17 +35,14 @@ class Contact(Feature):
     section = SECTION
     commands = {BORROWED: CommandField(Loan, 2, is_of_robot=True)}  # noqa: RUF012
 
-    def to_json(self, section: Mapping[str, LostContact]) -> Any:
-        return {name: policy.to_json() for name, policy in section.items()}
-
-    def from_json(self, data: Any) -> Mapping[str, LostContact]:
-        return {name: LostContact.from_json(row) for name, row in sorted(data.items())}
+    def section_type(self) -> Any:
+        return Mapping[str, LostContact]
 
     def problem(self, section: Mapping[str, LostContact], mission: Mission) -> str | None:
         from mrbt_mesh.core.mission.mission import performance
 
         for kind, lost in section.items():
-            is_known = kind in mission.robot_types and type(lost.after_us) is int
+            is_known = kind in mission.robot_types
             returns = lost.then is OnLostContact.RETURN
             able = performance(mission.robot_types.get(kind, {}), lost.local_task) is not None
             if not is_known or not 1 <= lost.after_us <= MAX_CONTACT_US or able is not returns:

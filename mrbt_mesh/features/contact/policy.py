@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
@@ -60,16 +60,6 @@ class LostContact:
     def is_promise(self) -> bool:
         """True if other robots can rely on this robot having stopped."""
         return self.then is not OnLostContact.FINISH and self.of is not ContactOf.OPERATOR
-
-    def to_json(self) -> list[Any]:
-        """Return plain data."""
-        return [self.after_us, str(self.of), str(self.then), self.local_task]
-
-    @classmethod
-    def from_json(cls, data: list[Any]) -> LostContact:
-        """Return the policy; the inverse of `to_json`. Raises ValueError or TypeError."""
-        after_us, of, then, local_task = data
-        return cls(after_us, ContactOf(of), OnLostContact(then), local_task)
 
 
 def policies(mission: Mission) -> Mapping[str, LostContact]:

@@ -48,8 +48,8 @@ class ExclusiveTasks(Feature):
     kinds = dict.fromkeys((COALITION, BROKEN, GRANT, DOUBT, CLEARED), 3)
     has_joint_facts = True
 
-    def joint_policy(self, data: Sequence[Any]) -> CoalitionPolicy | None:
-        return CoalitionPolicy.from_json(data)
+    def mission_classes(self) -> Sequence[type]:
+        return (CoalitionPolicy,)
 
     def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
         from mrbt_mesh.features.exclusive.file_fields import FIELDS

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING
 
 from mrbt_mesh.core.feature import JointPolicy
 
@@ -37,26 +36,11 @@ class CoalitionFields(JointPolicy):
     in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD
     begin_within_us: int | None = None
 
-    @classmethod
-    def from_json(cls, data: Sequence[Any]) -> Self | None:
-        """The inverse of `to_json`; None for robots that work each on its own."""
-        simultaneous, exclusive, in_doubt, begin_within_us = data
-        policy = cls(simultaneous, exclusive, InDoubtPolicy(in_doubt), begin_within_us)
-        if simultaneous or exclusive:
-            return policy
-        if policy != cls():
-            raise ValueError("robots that work each on its own have no coalitions")
-        return None
-
-    def to_json(self) -> list[Any]:
-        return [self.simultaneous, self.exclusive, str(self.in_doubt), self.begin_within_us]
-
     def problem(self) -> str:
-        within_us = self.begin_within_us
-        if within_us is not None and (type(within_us) is not int or within_us <= 0):
+        if self.begin_within_us is not None and self.begin_within_us <= 0:
             return "begin_within"
-        flags = {"simultaneous": self.simultaneous, "exclusive": self.exclusive}
-        return next((name for name, flag in flags.items() if not isinstance(flag, bool)), "")
+        # Robots that work each on its own have no coalitions.
+        return "" if self.simultaneous or self.exclusive else "coalitions"
 
     @property
     def at_most_once(self) -> bool:

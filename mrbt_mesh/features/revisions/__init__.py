@@ -52,13 +52,10 @@ class RevisedMissions(Feature):
     derived = frozenset({MISSION_ADOPTED})
     in_any_mission = KINDS
 
-    def to_json(self, section: Revision) -> Any:
-        return section.to_json()
-
-    def from_json(self, data: Any) -> Revision:
+    def section_type(self) -> Any:
         from mrbt_mesh.features.revisions.section import Revision
 
-        return Revision.from_json(data)
+        return Revision
 
     def problem(self, section: Revision, mission: Mission) -> str | None:
         from mrbt_mesh.features.revisions.section import problem

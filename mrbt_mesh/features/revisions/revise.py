@@ -77,7 +77,7 @@ def _check(before: Mission, after: Mission) -> None:
     """A condition's revisions count from its default, so that must stay."""
     for name, condition in sorted(after.conditions.items()):
         known = before.conditions.get(name)
-        if known is not None and known.to_json() != condition.to_json():
+        if known is not None and known != condition:
             raise RevisionError(
                 f"{after.entries.called(name)} is declared otherwise than in the mission that "
                 "runs: keep it as it is there, or declare one of another name"
@@ -250,7 +250,7 @@ class _Parts:
         kind = type_at(self._mission, node.index)
         of_type = kind.global_tasks.get(node.subject) if kind is not None else None
         task = of_type or self._mission.global_tasks[node.subject]
-        policies = replace(task, id="", needs=(), effects=()).to_json()
+        policies = replace(task, id="", needs=(), effects=())
         needs = sorted(self._need_texts(task, kind, node.index))
         return repr((self._bound(node.index, task.id), policies, needs))
 
@@ -262,7 +262,7 @@ class _Parts:
             program = of_type.program_trees.get(name) or mission.program_trees.get(name)
             at = of_type.at.get(name) or (travel.at.get(name, "") if travel is not None else "")
             content = (
-                need.to_json(),
+                need,
                 at,
                 program and (program.xml, program.tree, program.ports, program.outputs),
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mrbt_mesh.core.feature import Succession
 from mrbt_mesh.core.mission.compiled import DIGEST_LENGTH
@@ -43,18 +43,6 @@ class Revision(Succession):
             number in part.nodes or number in part.guards for part in self.retired
         )
 
-    def to_json(self) -> list[Any]:
-        """Plain data."""
-        retired = [[key, list(nodes), list(guards)] for key, nodes, guards in self.retired]
-        return [self.number, self.team, self.next_node, retired, list(self.numbers)]
-
-    @classmethod
-    def from_json(cls, data: list[Any]) -> Revision:
-        """The inverse; raises TypeError or ValueError for anything else."""
-        number, team, next_node, retired, numbers = data
-        parts = tuple(RetiredPart(key, tuple(n), tuple(guards)) for key, n, guards in retired)
-        return cls(number, team, next_node, tuple(numbers), parts)
-
 
 def revision_of(mission: Mission) -> Revision | None:
     """What a mission says of itself as a revision; None: it is none."""
@@ -77,21 +65,14 @@ def without_revision(mission: Mission) -> Mission:
 
 def problem(known: Revision) -> str | None:
     """What is wrong with a revision in a damaged mission."""
-    if not _is_integer(known.number, 1, MAX_NUMBER):
-        return f"revision {known.number!r}"
-    if not isinstance(known.team, str) or len(known.team) != DIGEST_LENGTH:
+    if not 1 <= known.number <= MAX_NUMBER:
+        return f"revision {known.number}"
+    if len(known.team) != DIGEST_LENGTH:
         return "digest of the team"
-    if not all(_is_integer(each, 0, MAX_NUMBER) for each in known.numbers):
-        return "numbers of nodes"
-    if not _is_integer(known.next_node, max(known.numbers) + 1, MAX_NUMBER):
+    if min(known.numbers) < 0 or not max(known.numbers) < known.next_node <= MAX_NUMBER:
         return "numbers of nodes"
     for key, *kept in known.retired:
         used = [number for numbers in kept for number in numbers]
-        is_key = isinstance(key, str) and len(key) <= DIGEST_LENGTH
-        if not is_key or not all(_is_integer(each, 0, known.next_node - 1) for each in used):
+        if len(key) > DIGEST_LENGTH or not all(0 <= each < known.next_node for each in used):
             return "retired parts"
     return None
-
-
-def _is_integer(value: Any, least: int, most: int) -> bool:
-    return type(value) is int and least <= value <= most

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mrbt_mesh.core.feature import Feature, Kit, Part
 
@@ -14,16 +14,15 @@ if TYPE_CHECKING:
     from mrbt_mesh.features.values.chaos import OwnChaos
     from mrbt_mesh.features.values.entries import ValueEntries
     from mrbt_mesh.features.values.plan import OwnStep
-    from mrbt_mesh.features.values.traits import Traits
 
 
 class Values(Feature):
     """The feature. A mission has it in its conditions."""
 
-    def condition_traits(self, data: Sequence[Any]) -> Traits:
+    def mission_classes(self) -> Sequence[type]:
         from mrbt_mesh.features.values.traits import Traits
 
-        return Traits.from_json(data)
+        return (Traits,)
 
     def entries(
         self, declared: Mapping[str, ConditionType], robots: Sequence[str], names: ActivationNames

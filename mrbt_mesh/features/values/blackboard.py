@@ -109,10 +109,6 @@ class ValueType:
             return False
         return OPERATORS[comparison.operator](value, self.value(comparison.literal))
 
-    def to_json(self) -> list[Any]:
-        """Plain data; `ValueType(*data)` takes it back, with a tuple of choices."""
-        return [list(self.choices), self.longest, self.low, self.high, self.decimals]
-
 
 class EntryComparison(NamedTuple):
     """A comparison of an entry, by its ground name, with a value of its type."""

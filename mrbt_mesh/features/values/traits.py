@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from mrbt_mesh.core.mission.conditions import (
     MAX_DECIMALS,
@@ -36,35 +34,17 @@ class Traits(EntryTraits):
     def fits(self, default: Value | None) -> bool:
         """See `EntryTraits`."""
         values = self.values
-        if not isinstance(self.per_robot, bool) or not isinstance(self.per_job, bool):
-            return False
         if values is None:
             return isinstance(default, bool) and not self.per_job
         numbers = (values.longest, values.low, values.high, values.decimals)
-        are_numbers = all(type(n) is int and -MAX_UNITS <= n <= MAX_UNITS for n in numbers)
         return (
-            are_numbers
+            all(-MAX_UNITS <= number <= MAX_UNITS for number in numbers)
             and 0 <= values.longest <= MAX_TEXT
             and 0 <= values.decimals <= MAX_DECIMALS
             and all(map(is_argument, values.choices))
             and values.low <= values.high
             and (default is None or values.fits(default))
         )
-
-    def to_json(self) -> list[Any]:
-        """See `EntryTraits`."""
-        if self.values is None:
-            return [self.per_robot]
-        return [self.per_robot, self.values.to_json(), self.per_job]
-
-    @classmethod
-    def from_json(cls, data: Sequence[Any]) -> Traits:
-        """The inverse of `to_json`; raises TypeError or ValueError."""
-        per_robot, *more = data
-        if not more:
-            return cls(per_robot)
-        (choices, *numbers), per_job = more
-        return cls(per_robot, ValueType(tuple(choices), *numbers), per_job)
 
 
 _USUAL = Traits()

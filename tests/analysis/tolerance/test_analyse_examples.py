@@ -93,7 +93,9 @@ def test_bids_change_nothing_of_what_a_team_can_do() -> None:
     """Who has no bid serves all the same, so a need by bid is a need."""
     mission = load_mission(EXAMPLES / "couriers" / "mission.yaml")
     declared = {
-        name: replace(each, needs=tuple(replace(need, performance_rule=()) for need in each.needs))
+        name: replace(
+            each, needs=tuple(replace(need, performance_rule=None) for need in each.needs)
+        )
         for name, each in mission.global_tasks.items()
     }
     assert has_bids(mission)

@@ -56,7 +56,7 @@ def test_costs_come_from_the_mission_and_from_a_file_of_their_own(tmp_path: Path
     compiled.write_text(compile_mission(loaded))
     assert load_mission(compiled).costs == loaded.costs
     data = json.loads(compiled.read_text())
-    compiled.write_text(json.dumps(data | {"costs": [{"C": -1}, {}]}))
+    compiled.write_text(json.dumps(data | {"costs": {"robots": {"C": -1}}}))
     assert "cost of C: -1" in mrbt("analyze", str(compiled))[2]
 
     def advice(*arguments: str) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import product
 
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.failure_reasons import (
     CONTAINS,
@@ -20,6 +22,7 @@ from mrbt_mesh.core.mission.failure_reasons import (
     one_line,
 )
 from mrbt_mesh.core.mission.mission import mission_from_json
+from mrbt_mesh.errors import FileError
 from tests.support.build import action, condition, fallback, make_mission
 
 NAMES = ("p", "q")
@@ -111,14 +114,21 @@ def test_they_are_kept_when_compiled_and_missions_without_keep_their_digest() ->
 
 
 @pytest.mark.parametrize(
-    "row",
+    "damage",
     [
-        ["team", "drive", [], CONTAINS, "x"],
-        [GLOBAL, "drive", [], "is", "x"],
-        [GLOBAL, "drive", [1], CONTAINS, "x"],
-        [GLOBAL, "drive", [], CONTAINS],
+        {"kind": "team"},
+        {"match": "is"},
+        {"arguments": [1]},
+        {"arguments": ["$place"]},
+        {"text": None},
+        {"why": "stuck"},
     ],
 )
-def test_damaged_ones_are_refused(row: list[object]) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011
-        FailureReason.from_json(row)
+def test_damaged_ones_are_refused(damage: dict[str, object]) -> None:
+    told = ConditionType("c1", failure=FailureReason(GLOBAL, "drive", (), EQUALS, "stuck"))
+    mission = make_mission(fallback(action("drive"), condition("c1")))
+    data = json.loads(compile_mission(replace(mission, conditions={"c1": told})))
+    mission_from_compiled(json.dumps(data), "m.json")
+    data["conditions"]["c1"]["failure"] |= damage
+    with pytest.raises(FileError, match="compile the mission again"):
+        mission_from_compiled(json.dumps(data), "m.json")

@@ -110,11 +110,11 @@ def test_the_robots_program_and_the_order_of_declarations_do_not_change_the_dige
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"compiled": 99}, "compiled mission version 3 expected, found 99"),
-        ({"tree": ["Sequence"]}, "not enough values to unpack"),
-        ({"robots": 3}, "compiled mission is damaged"),
-        ({"assignment": "spare_scarce"}, "compiled mission has an unknown entry: 'assignment'"),
-        ({"tree": ["Dance", "", "", 0, 0, "none", 0, []]}, "'Dance' is not a valid Kind"),
+        ({"compiled": 99}, "compiled mission version 4 expected, found 99"),
+        ({"tree": ["Sequence"]}, "tree: an object expected"),
+        ({"robots": 3}, "compiled mission is damaged: robots: an object expected, not 3"),
+        ({"assignment": "spare_scarce"}, "damaged: assignment: nothing of this name expected"),
+        ({"tree": {"kind": "Dance"}}, "tree.kind: .* expected, not 'Dance'"),
     ],
 )
 def test_a_damaged_compiled_mission_is_a_value_error(

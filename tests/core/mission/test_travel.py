@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.core.codec import Codec
 from mrbt_mesh.core.mission.travel import MAX_MS, MICRO, Travel, ways_between
 from mrbt_mesh.core.scheduling.problem import Objective
 
@@ -40,7 +42,8 @@ def test_how_long_a_way_takes(robot_type: str, origin: str, goal: str, ms: int) 
 
 
 def test_it_is_taken_back_from_its_plain_data() -> None:
-    assert Travel.from_json(TRAVEL.to_json()) == TRAVEL
+    data = json.loads(json.dumps(Codec().write(Travel, TRAVEL)))
+    assert Codec().read(Travel, data) == TRAVEL
 
 
 def test_ways_that_nobody_needs_are_long_in_the_table() -> None:

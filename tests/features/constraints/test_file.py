@@ -57,7 +57,7 @@ def test_they_are_read_and_survive_compiling() -> None:
 def test_teams_that_differ_in_them_are_different_teams() -> None:
     plain, limited = load(CARRY), load(CARRY + LIMITS)
     assert plain.digest != limited.digest
-    assert "constraints" not in json.loads(compile_mission(plain))
+    assert "sections" not in json.loads(compile_mission(plain))
     assert plain.digest != load(re.sub(r"place\(.*", "place($item): {}", CARRY)).digest
 
 
@@ -114,25 +114,27 @@ def test_what_is_wrong_is_told(old: str, new: str, message: str) -> None:
 @pytest.mark.parametrize(
     "constraint",
     [
-        ["at_mots", ["R1"], 1],
-        ["at_most", ["R1", 2], 1],
-        ["at_most", ["R1", "R2"], 0],
-        ["at_most", ["R1", "R2"], True],
-        ["never_together", ["R1", "R2"], [1]],
-        ["never_together", ["R1", "R2"]],
+        {"AtMots": {"robots": ["R1"], "count": 1}},
+        {"AtMost": {"robots": ["R1", 2], "count": 1}},
+        {"AtMost": {"robots": ["R1", "R2"], "count": 0}},
+        {"AtMost": {"robots": ["R1", "R2"], "count": True}},
+        {"AtMost": {"robots": ["R1", "R2"]}},
+        {"NeverTogether": {"robots": ["R1", "R2"], "local_tasks": [1]}},
+        {"NeverTogether": {"robots": "R1"}},
         "x",
     ],
 )
 def test_a_damaged_compiled_mission_is_refused(constraint: Any) -> None:
     data = json.loads(compile_mission(load(CARRY + LIMITS)))
-    data["constraints"] = [constraint]
+    data["sections"]["constraints"] = [constraint]
     with pytest.raises(FileError, match="compile the mission again"):
         mission_from_compiled(json.dumps(data), "m.json")
 
 
 def test_same_robot_as_in_a_damaged_compiled_mission_is_refused() -> None:
     text = compile_mission(load(CARRY))
-    damaged = text.replace('["fetch(1)","pick(1)"]', '["fetch(1)","pick(2)"]')
+    right = '{"global_task":"fetch(1)","local_task":"pick(1)"}'
+    damaged = text.replace(right, right.replace("pick(1)", "pick(2)"))
     assert damaged != text
     with pytest.raises(FileError, match="same_robot_as"):
         mission_from_compiled(damaged, "m.json")
