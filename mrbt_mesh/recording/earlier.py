@@ -21,5 +21,6 @@ def until(recording: Recording, unix_us: int) -> Recording:
         records=records,
         cut_off_at=recording.cut_off_at or 0,
         signatures=tuple(each for each in recording.signatures if each.number <= number),
+        is_finished=False,
         last=(number, bytes.fromhex(records.check_of(number))),
     )

@@ -40,7 +40,6 @@ from mrbt_mesh.recording.folder import (
     READ_BYTES,
     first_part,
     is_finished,
-    number_of_part,
     open_regular,
     parts_of,
 )
@@ -235,7 +234,8 @@ class Recording:
     it was closed. `torn_bytes` is the number of meaningless bytes after the last whole record, as
     left by a power cut or a full disk. `parts` are the files if the recording has several parts;
     then `records` has no states at the beginnings of later parts, and `metadata` are those of the
-    first. `last` is the number and check of the last message.
+    first. `last` is the number and check of the last message. `is_finished`: when it was read, it
+    was certain that no process wrote it any more.
     """
 
     path: Path
@@ -247,6 +247,7 @@ class Recording:
     torn_bytes: int = 0
     last: tuple[int, bytes] = (0, b"")
     parts: tuple[Recording, ...] = ()
+    is_finished: bool = True
 
     @property
     def begin_us(self) -> int:
@@ -311,15 +312,47 @@ def read_recordings(path: Path, *, checks_schemas: bool = True) -> list[Recordin
 
     A new recording begins at such a gap. Returns at least one. Raises RecordingError.
     """
-    files = (parts_of(path) or [path]) if number_of_part(path) == 1 else [path]
+    # A robot that records reads no more than ends of recordings.
+    from mrbt_mesh.recording.opened_parts import open_parts
+
+    try:
+        files, has_ended = open_parts(path)
+    except OSError as error:
+        raise _unreadable(Path(error.filename or path), error) from None
+    try:
+        parts = [*_begun(files, checks_schemas)]
+    except RecordingError:
+        for _, opened in files:
+            opened.close()
+        raise
+    # The state at the beginning of a part is written in pieces.
+    if not has_ended and len(parts) > 1 and not state_end(parts[-1].records):
+        parts.pop()
     found: list[list[Recording]] = []
-    for file in files:
-        each = _read_file(file, checks_schemas)
+    for each in parts:
         if found and _follows(found[-1][-1], each):
             found[-1].append(each)
         else:
             found.append([each])
-    return [_joined(each) for each in found]
+    *before, last = map(_joined, found)
+    cut_off_at = last.cut_off_at if len(parts) == len(files) else last.cut_off_at or 0
+    return [*before, replace(last, cut_off_at=cut_off_at, is_finished=has_ended)]
+
+
+def _begun(files: Sequence[tuple[Path, BinaryIO]], checks_schemas: bool) -> Iterator[Recording]:
+    """Yield the content of files; the last of several may only just have been made."""
+    for file, opened in files:
+        try:
+            yield _read(opened, file, checks_schemas)
+        except EmptyRecordingError:
+            if len(files) == 1 or file != files[-1][0]:
+                raise
+        except OSError as error:
+            raise _unreadable(file, error) from None
+
+
+def _unreadable(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(f"{path}: cannot be read: {error.strerror or error}")
 
 
 def _follows(part: Recording, later: Recording) -> bool:
@@ -340,7 +373,8 @@ def _joined(parts: list[Recording]) -> Recording:
     damage = [each for part in parts for each in part.damage]
     signed = [each for part in parts for each in part.signatures]
     for part, begin in zip(parts[1:], begins[1:], strict=True):
-        if not begin:
+        # A writer that is killed leaves a part that it has only begun.
+        if not begin and (part.records or part is not last):
             damage.append(Damage(part.metadata.after_number + 1, "it begins without a state"))
     for part in parts[1:]:
         if any(each.is_end and each.number <= part.metadata.after_number for each in signed):
@@ -399,13 +433,6 @@ def _last_message(path: Path, run: str) -> tuple[str, int, bytes] | None:
         return None
     metadata = reading.metadata or {}
     return (metadata.get("robot", ""), *reading.last) if metadata.get("run") == run else None
-
-
-def _read_file(path: Path, checks_schemas: bool) -> Recording:
-    try:
-        return _read(open_regular(path), path, checks_schemas)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def parse_recording(content: bytes, path: Path) -> Recording:

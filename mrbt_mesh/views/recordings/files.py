@@ -37,13 +37,13 @@ class ChosenRecordings:
 
 
 def chosen(paths: Sequence[Path]) -> ChosenRecordings:
-    """Return the recordings of files and run directories, by default of the run of `look_up_run`.
+    """Return the recordings of files and run directories.
 
     Raises InputError for a folder without recordings, RecordingError for an invalid file.
     """
     files: list[Path] = []
     run_dir: Path | None = None
-    for path in paths or (look_up_run(None, "RUN_DIR").path,):
+    for path in paths:
         if not path.is_dir():
             files.append(path)
             continue
@@ -81,27 +81,32 @@ def chosen(paths: Sequence[Path]) -> ChosenRecordings:
 
 
 def verified(paths: Sequence[Path], keys: Path | None = None) -> Verification:
-    """Return the findings of `mrbt recording verify`; `keys` is the folder with the team's
-    manifest.
+    """Return the findings of `mrbt recording verify`, by default of the run of `look_up_run`.
 
-    Raises InputError.
+    `keys` is the folder with the team's manifest. Raises InputError.
     """
     from mrbt_mesh.views.replay.check_files import read_run_dir_files
     from mrbt_mesh.views.replay.verify import verify
 
     # Files are read one after the other, and of a running team they grow meanwhile: what each had
     # at this time fits what the others had.
-    now_us = time.time_ns() // 1_000
+    paths, now_us = paths or (look_up_run(None, "RUN_DIR").path,), time.time_ns() // 1_000
+    running = {path for path in paths if _is_at_work(path)}
     found = chosen(paths)
     recordings, manifest = found.recordings, manifest_of(keys or found.keys)
     if found.run_dir is None:
         return verify(recordings, manifest, None, found.empty)
     files = read_run_dir_files(found.run_dir)
-    if (found.run_dir / RUN_FILE).is_file() and is_running(RunDir(found.run_dir)):
+    # A team that ends meanwhile was at work when its recordings were read.
+    if found.run_dir in running or _is_at_work(found.run_dir):
         files = replace(files, is_running=True)
         begun = tuple(each for each in (until(r, now_us) for r in recordings) if each.records)
         recordings = begun or recordings
     return verify(recordings, manifest, files, found.empty)
+
+
+def _is_at_work(run_dir: Path) -> bool:
+    return (run_dir / RUN_FILE).is_file() and is_running(RunDir(run_dir))
 
 
 def manifest_of(folder: Path | None) -> Manifest | None:

@@ -127,6 +127,8 @@ class RecordingCheck(CheckedRecording):
         while self._later_parts and self._later_parts[0].metadata.after_number < number:
             part = self._later_parts.pop(0)
             said, begin = part.metadata, part.metadata.after_number + 1
+            if not part.records:
+                continue  # its writer was killed when it began it
             try:
                 mission = said.read_mission(str(part.path))
                 state = RecordedState(TeamFacts(mission, said.run), said.part)

@@ -12,7 +12,6 @@ from mrbt_mesh.recording.folder import (
     FOLDER,
     OBSERVERS,
     first_part,
-    is_finished,
     name_of_owner,
     number_of_part,
 )
@@ -181,7 +180,7 @@ class TeamCheck:
 
     def _end(self, recording: Recording) -> End:
         """Return how a recording without an end ended: its robot may have died."""
-        if not is_finished((recording.parts or (recording,))[-1].path):
+        if not recording.is_finished:
             return End.WRITTEN
         life = _last_life(recording)
         has_died = life is not None and any(dead for *_, dead in self._deaths(recording, life))
@@ -216,8 +215,7 @@ class TeamCheck:
         )
 
     def _missing_end(self, recording: Recording, last: Signature | None) -> str:
-        files = recording.parts or (recording,)
-        if self.is_running and not is_finished(files[-1].path):
+        if self.is_running and not recording.is_finished:
             return "it is still written"
         return _with_torn(self._explained_end(recording, last), recording)
 
@@ -259,6 +257,8 @@ class TeamCheck:
         by = finished_by(recording, self.finished)
         if by and not self._ends_early(recording):
             return f"no end: ended abruptly (nobody wrote it any more when {by} was written)"
+        if self.is_running and self._has_just_ended(recording):
+            return "no end: it has just ended, and others may still notice why"
         robot, until_us = recording.metadata.robot, recording.records[-1].at_us
         signed = f"signed until {_seconds(recording, last.until_us)} s" if last else "not signed"
         text = f"it ends abruptly at {_seconds(recording, until_us)} s ({signed})"
@@ -268,6 +268,16 @@ class TeamCheck:
             text += f": its observer ended before it wrote {SUMMARY_FILE}"
         self._gap(GapKind.END, recording.name, _with_torn(text, recording), _ACCEPT_END)
         return "no end"
+
+    def _has_just_ended(self, recording: Recording) -> bool:
+        """Return whether the others had no time yet to notice the end of its robot."""
+        last_us = max(
+            _unix_us(each, each.records[-1].at_us)
+            for each in (check.recording for check in self.checks)
+            if each.records
+        )
+        silent_us = last_us - _unix_us(recording, recording.records[-1].at_us)
+        return silent_us <= recording.metadata.timing.max_detection_us + SIGN_US
 
     def _ends_early(self, recording: Recording) -> bool:
         """Return whether robots went on for longer than they do without what launched them."""

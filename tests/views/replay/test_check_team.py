@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from mrbt_mesh.recording.earlier import until
 from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
 from mrbt_mesh.sim import Freeze, Kill, Restart, Schedule, Thaw
 from mrbt_mesh.views.replay import check_team
+from mrbt_mesh.views.replay.check_files import RunDirFiles
 from mrbt_mesh.views.replay.findings import GapKind, Verification
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.forger import FORGERIES, Cast, Run, written_again
@@ -126,3 +128,20 @@ def test_a_robot_that_joins_late_has_noticed_no_end_before(
     monkeypatch.setattr(check_team, "CLOCKS_US", -allowed_us)
     verdict = verify(alone, manifest)
     assert verdict.is_proved, texts(verdict)
+
+
+def test_an_end_that_others_had_no_time_to_notice_is_no_gap_of_a_running_team(
+    keyed: tuple[Run, Manifest],
+) -> None:
+    """A1 died at 12.5 s; each recording as it was then, and a second before it."""
+    run, manifest = keyed
+    began = min(each.metadata.epoch_ns // 1_000 + each.begin_us for each in run.values())
+    for at_us in (began + 12_510_000, began + 11_500_000):
+        then = [until(each, at_us) for each in run.values()]
+        (a1,) = (each for each in then if each.metadata.robot == "A1")
+        dead = replace(a1, is_finished=True, cut_off_at=0)
+        others = [each for each in then if each is not a1]
+        at_work = verify([*others, dead], manifest, RunDirFiles(is_running=True))
+        assert [str(gap) for gap in at_work.gaps if gap.kind is GapKind.END] == []
+        ended = verify([*others, dead], manifest, RunDirFiles())
+        assert {gap.of for gap in ended.gaps if gap.kind is GapKind.END} >= {"A2.mcap", "A1.mcap"}
