@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.features.revisions.kinds import SECTION
 from mrbt_mesh.recording.channels import FORMAT
 
 # Replaces the robot's name in the recording of an observer.
@@ -92,8 +93,8 @@ class RunMetadata:
     @property
     def team_digest(self) -> str:
         """The digest of the mission with which the team was started."""
-        revision = json.loads(self.mission).get("revision")
-        return self.mission_digest if revision is None else str(revision[1])
+        revision = json.loads(self.mission).get("sections", {}).get(SECTION)
+        return self.mission_digest if revision is None else str(revision["team"])
 
     @staticmethod
     def of(
