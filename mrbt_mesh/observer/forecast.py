@@ -101,7 +101,7 @@ def forecast(
     facts: TeamFacts, ahead: Lookahead, elapsed_ms: Mapping[str, int] | None = None
 ) -> Forecast:
     """The forecast of now. `elapsed_ms`: for how long each robot has worked or been on its way;
-    where that is not known it is taken to be half done.
+    where that is not known, work is taken to be half done, and of a way what the robot said last.
     """
     travel = facts.mission.travel
     assert travel is not None
@@ -161,7 +161,7 @@ def _reason(ahead: Lookahead, objective: Objective) -> str:
 
 def _now(facts: TeamFacts, ahead: Lookahead, elapsed_ms: Mapping[str, int]) -> SchedulingProblem:
     """The problem with the time that work and ways have taken. Facts count work as half done, and
-    ways where tasks have no order; where they have, no part of them.
+    of ways what robots have said last.
     """
     free_ms, tables = list(ahead.problem.free_ms), list(ahead.problem.travel_ms)
     places = list(facts.mission.travel.places) if facts.mission.travel is not None else []
@@ -173,8 +173,8 @@ def _now(facts: TeamFacts, ahead: Lookahead, elapsed_ms: Mapping[str, int]) -> S
             *table, row = tables[number]
             left_ms = list(row)
             index = places.index(goal)
-            way_ms = row[index] if ahead.problem.has_order else 2 * row[index]
-            left_ms[index] = max(0, way_ms - elapsed_ms[robot])
+            whole_ms = table[places.index(facts.place_of(robot))][index]
+            left_ms[index] = min(row[index], max(0, whole_ms - elapsed_ms[robot]))
             tables[number] = [*table, left_ms]
     return replace(ahead.problem, free_ms=tuple(free_ms), travel_ms=tables)
 

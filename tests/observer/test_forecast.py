@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Claim, Phase, Proposal, ProposedStep
+from mrbt_mesh.core.facts.records import Claim, Overtaken, Phase, Proposal, ProposedStep
 from mrbt_mesh.observer.forecast import Forecast, RobotForecast, forecast
 from tests.core.planning.test_schedules import FAR, ahead, line, propose, travelling
 from tests.support.build import World, action, make_mission, parallel, task
@@ -40,9 +40,15 @@ def test_what_robots_do_now_counts_as_far_as_it_is_known() -> None:
         return told(world, **elapsed_ms).robots["R1"]
 
     assert one().where == "a -> c"
-    assert one().next_text(1) == "c in 10.0 s, and 1 more", "half of the way"
+    assert one().next_text(1) == "c in 20.0 s, and 1 more", "it has said nothing"
     assert one(R1=15_000).next_text(1) == "c in 5.0 s, and 1 more"
     assert one(R1=95_000).next_text(1) == "c in 0.0 s, and 1 more", "it is late"
+    way = world.facts.valid_claim("R1")
+    assert way is not None
+    world.write("R1", (records.OVERTAKEN, Overtaken(way.activation, False, 8_000, {})))
+    assert one().next_text(1) == "c in 8.0 s, and 1 more"
+    assert one(R1=5_000).next_text(1) == "c in 8.0 s, and 1 more", "not taken off twice"
+    assert one(R1=15_000).next_text(1) == "c in 5.0 s, and 1 more"
     claim(world, "R1", "c", Phase.RUNNING)
     assert one(R1=200).next_text(1) == "c for 0.8 s more, and 1 more"
 

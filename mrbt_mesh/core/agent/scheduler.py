@@ -202,19 +202,19 @@ class Scheduler:
 
     def _set_out(self, claim: Claim, goal: str, now_us: int) -> _Way | None:
         """The way for a claim: from a place, or from where the robot is on its way elsewhere. None
-        if nobody knows where it begins.
+        if nobody knows where it begins, as at a place that a revision has removed.
         """
         facts, before, origin = self._context.facts, self._way, claim.place
-        if not origin:
-            return None
         travel, table = facts.mission.travel, facts.travel_table(self._context.me)
         assert travel is not None
-        places = list(travel.places)
-        at, to = places.index(origin), places.index(goal)
+        numbers = {place: number for number, place in enumerate(travel.places)}
+        if origin not in numbers:
+            return None
+        at, to = numbers[origin], numbers[goal]
         left_ms = table[at][to]
-        if before is not None and before.ends[0] == origin:
+        if before is not None and before.ends[0] == origin and before.ends[1] in numbers:
             rest_ms = max(0, before.ends_us - now_us) // 1_000
-            left_ms = ways_between(table, at, places.index(before.ends[1]), rest_ms)[to]
+            left_ms = ways_between(table, at, numbers[before.ends[1]], rest_ms)[to]
         ends_us = now_us + left_ms * 1_000
         return _Way(claim.activation, (origin, goal), ends_us, _tells_us(ends_us, now_us))
 
