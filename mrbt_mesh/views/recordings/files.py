@@ -27,7 +27,8 @@ _ONCE = "so that each recording is there once"
 class ChosenRecordings:
     """Recordings, and the messages of files that contain no recording yet.
 
-    `run_dir` is that of the run, if one was given. `keys` is the folder of its keys, if it has one.
+    `run_dir` is that of the run, if one was given. `keys` is the folder of its keys, if that has a
+    manifest.
     """
 
     recordings: tuple[Recording, ...]
@@ -41,6 +42,8 @@ def chosen(paths: Sequence[Path]) -> ChosenRecordings:
 
     Raises InputError for a folder without recordings, RecordingError for an invalid file.
     """
+    from mrbt_mesh.runtime.key_folder import MANIFEST_FILE
+
     files: list[Path] = []
     run_dir: Path | None = None
     for path in paths:
@@ -75,7 +78,7 @@ def chosen(paths: Sequence[Path]) -> ChosenRecordings:
     if not recordings:
         raise empty[0]
     keys = run_dir / KEYS_FOLDER if run_dir is not None else None
-    if keys is not None and not keys.is_dir():
+    if keys is not None and not (keys / MANIFEST_FILE).exists():
         keys = None
     return ChosenRecordings(tuple(recordings), tuple(map(str, empty)), run_dir, keys)
 

@@ -168,6 +168,8 @@ class TeamCheck:
             is_ended = last is not None and last.is_end
         self.ends[recording.name] = End.CLOSED if is_ended else self._end(recording)
         end = "its end" if is_ended else self._missing_end(recording, last)
+        if is_ended and recording.torn:
+            self.notes.append(f"{recording.name}: behind its signed end {recording.torn}")
         if self.manifest is None:
             return
         if last is None:

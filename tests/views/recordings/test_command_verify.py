@@ -101,3 +101,9 @@ def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -
 def test_a_folder_that_is_there_is_not_recorded_into(folder: Path) -> None:
     problems = refused(mrbt("sim", "run", EXPLORE, "--record", str(folder)))
     assert "exists already; name a new folder" in problems
+
+
+def test_without_a_manifest_nothing_is_signed(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "run")
+    (tmp_path / "run" / "keys").mkdir()
+    done(recording("verify", str(tmp_path / "run"), "--accept", "unsigned"))

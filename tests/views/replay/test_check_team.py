@@ -145,3 +145,13 @@ def test_an_end_that_others_had_no_time_to_notice_is_no_gap_of_a_running_team(
         assert [str(gap) for gap in at_work.gaps if gap.kind is GapKind.END] == []
         ended = verify([*others, dead], manifest, RunDirFiles())
         assert {gap.of for gap in ended.gaps if gap.kind is GapKind.END} >= {"A2.mcap", "A1.mcap"}
+
+
+def test_what_is_torn_behind_a_signed_end_is_said(keyed: tuple[Run, Manifest]) -> None:
+    run, manifest = keyed
+    torn = [replace(r, torn_bytes=7) if name == "B1.mcap" else r for name, r in run.items()]
+    verdict = verify(torn, manifest)
+    assert verdict.is_proved
+    assert any(
+        each.startswith("B1.mcap: behind its signed end its last 7") for each in verdict.notes
+    )
