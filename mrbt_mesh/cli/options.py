@@ -132,7 +132,7 @@ def fault_options(*names: str) -> Decorator:
 def comma_list(_: Any, __: Any, values: str | Iterable[str] | None) -> tuple[str, ...]:
     """Click callback: split `A,B`, also if the option is given several times, into one tuple."""
     texts = [values] if isinstance(values, str) else values or ()
-    return tuple(part for text in texts for part in text.split(",") if part)
+    return tuple(part for text in texts if text for part in text.split(","))
 
 
 def chosen_robots(option: str, text: str | None, mission: Mission) -> list[str]:

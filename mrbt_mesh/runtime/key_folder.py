@@ -68,6 +68,7 @@ class KeyFolder:
     def create(cls, path: Path, members: Mapping[str, Role]) -> KeyFolder:
         """Create the keys of a new team."""
         found = cls(path)
+        _check_names(members)
         check_folder(path, "the folder of keys")
         if found.manifest_path.exists():
             how = f"`mrbt keys show --keys {quote(str(path))}`"
@@ -88,12 +89,13 @@ class KeyFolder:
         Facts that a member signed with a replaced key remain valid.
         """
         manifest = self.manifest()
+        _check_names(members)
         known = [name for name in sorted(members) if name in manifest.members]
         if known and not replaces:
             raise KeysError(f"{known[0]} has a key already: give it another one with --replace")
         for name in known:
             if manifest.members[name].role is not members[name]:
-                text = f"{name} is an {manifest.members[name].role}, and stays one"
+                text = f"the role of {name} is {manifest.members[name].role}, and stays so"
                 raise KeysError(f"{text}: choose another name for the {members[name]}")
         secret = _read_secret(self.path / TEAM_FILE, "private")
         made = self._new_keys(members, manifest.authority, secret)
@@ -122,8 +124,6 @@ class KeyFolder:
 
         made, trusted = {}, team_certificate(team_secret)
         for name, role in sorted(members.items()):
-            if not is_robot_id(name):
-                raise KeysError(f"name {name!r}: 1 to 32 letters, digits, '_' or '-'")
             secret = secrets.token_bytes(SECRET_BYTES)
             data = {"name": name, "private": secret.hex(), "authority": authority.hex()}
             data["certificate"] = member_certificate(team_secret, name, secret)
@@ -207,6 +207,12 @@ class KeyFolder:
         raise KeysError(f"{self.path} holds no {what} key: make one with `mrbt keys add`")
 
 
+def _check_names(names: Iterable[str]) -> None:
+    for name in names:
+        if not is_robot_id(name):
+            raise KeysError(f"name {name!r}: 1 to 32 letters, digits, '_' or '-'")
+
+
 def _write_secret(path: Path, data: Mapping[str, str]) -> None:
     """Write or replace a file that only its owner can read."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -224,6 +230,8 @@ def _read(path: Path) -> dict[str, Any]:
         with open_regular(path) as file:
             how, content = open_to_others(file), file.read(MOST_BYTES)
         found = json.loads(content)
+    except FileNotFoundError:
+        raise KeysError(f"{path} does not exist: {_remedy(path)}") from None
     except OSError as error:
         raise KeysError(f"the key {path} cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError):
@@ -233,6 +241,13 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise KeysError(f"{path} is not a private key of `mrbt keys`")
     return found
+
+
+def _remedy(path: Path) -> str:
+    """Return what to do where a file with a private key is missing."""
+    if path.name == TEAM_FILE:
+        return "change keys in the folder in which `mrbt keys init` made it, or copy it from there"
+    return "copy it from where `mrbt keys` made it, or make one with `mrbt keys add`"
 
 
 def _read_secret(path: Path, key: str, size: int = SECRET_BYTES) -> bytes:

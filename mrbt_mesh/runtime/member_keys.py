@@ -79,11 +79,8 @@ def _plain(manifest: Manifest) -> dict[str, Any]:
         }
         for name, member in manifest.members.items()
     }
-    return {
-        "version": manifest.version,
-        "authority": manifest.authority.hex(),
-        "members": members,
-    }
+    authority = manifest.authority.hex()
+    return {"version": manifest.version, "authority": authority, "members": members}
 
 
 def _content(manifest: Manifest) -> bytes:
@@ -107,14 +104,13 @@ def parse_manifest(text: str, authority: bytes | None = None) -> Manifest:
             _bytes(data["signature"], SIGNATURE_BYTES),
         )
     except (json.JSONDecodeError, RecursionError):
-        raise ManifestError("the manifest is malformed: it is not JSON") from None
+        raise _malformed("it is not JSON") from None
     except ValueError as error:
-        raise ManifestError(f"the manifest is malformed: {error}") from None
+        raise _malformed(str(error)) from None
     except (TypeError, KeyError, AttributeError):
-        text = "the manifest is malformed: a field is missing or of another kind"
-        raise ManifestError(text) from None
+        raise _malformed("a field is missing or of another kind") from None
     if type(version) is not int or version < 1 or len(members) > MAX_MEMBERS:
-        raise ManifestError("the manifest is malformed: its version is a number from 1 on")
+        raise _malformed(f"its version is from 1 on, and it has at most {MAX_MEMBERS} members")
     if authority is not None and found.authority != authority:
         raise ManifestError("the manifest is another team's: it names another team key")
     try:
@@ -128,6 +124,11 @@ def parse_manifest(text: str, authority: bytes | None = None) -> Manifest:
             "its text is not as `mrbt keys` writes it: copy the file as it is, with its line ends"
         )
     return found
+
+
+def _malformed(why: str) -> ManifestError:
+    remedy = "copy it again from the folder in which `mrbt keys` made it"
+    return ManifestError(f"the manifest is malformed: {why}: {remedy}")
 
 
 def _member(name: str, row: Any) -> PublicKeys:

@@ -89,4 +89,5 @@ def test_a_manifest_in_another_text_is_refused() -> None:
 def test_what_is_wrong_with_a_manifest_is_said_in_our_words(text: str, said: str) -> None:
     with pytest.raises(ManifestError) as refused:
         parse_manifest(text)
-    assert str(refused.value) == f"the manifest is malformed: {said}"
+    remedy = "copy it again from the folder in which `mrbt keys` made it"
+    assert str(refused.value) == f"the manifest is malformed: {said}: {remedy}"

@@ -203,7 +203,7 @@ def jobs(follow: bool, only_open: bool, team: TeamOptions, as_json: bool) -> Non
     _with_client(team, act)
 
 
-@click.command(cls=MrbtCommand)
+@click.command(cls=NumbersCommand)
 @click.argument(
     "change",
     metavar="CHANGE",

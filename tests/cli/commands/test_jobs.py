@@ -33,3 +33,9 @@ def test_input_without_lines_is_refused_before_a_team_is_looked_for() -> None:
     assert "standard input has no job; one per line is expected" in refused(
         mrbt("submit", "--stdin")
     )
+
+
+def test_a_priority_may_be_negative() -> None:
+    said = refused(mrbt("job", "priority", "a1", "-5", "--run-dir", "/nowhere/at/all"))
+    assert "No such option" not in said
+    assert "/nowhere/at/all" in said

@@ -50,3 +50,10 @@ def test_a_team_has_robots(tmp_path: Path) -> None:
     problems = refused(mrbt("keys", "init", str(tmp_path / "keys"), "--robots", ""))
     assert "--robots names none: a team has at least one robot" in problems
     assert not (tmp_path / "keys").exists()
+
+
+def test_an_empty_name_is_no_member(tmp_path: Path) -> None:
+    for robots in ("A,,B", "A,"):
+        said = refused(mrbt("keys", "init", str(tmp_path / "keys"), "--robots", robots))
+        assert "name '': 1 to 32 letters" in said
+    assert not (tmp_path / "keys").exists()
