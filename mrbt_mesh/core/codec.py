@@ -17,6 +17,7 @@ import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from functools import partial
 from inspect import isabstract
 from itertools import compress, count, repeat
 from operator import attrgetter, is_not
@@ -244,6 +245,7 @@ class Codec:
         required = {name for name, default in defaults.items() if default is MISSING}
         usual = tuple(defaults.values())
         get = attrgetter(*forms, "__class__")  # of one name alone it would return no tuple
+        unknown = Form(_same, partial(_refuse, f"nothing of this name (only {', '.join(forms)})"))
 
         def write(value: Any) -> Any:
             found, values = {}, get(value)
@@ -262,7 +264,7 @@ class Codec:
             _object_in(data)
             try:
                 for name, given in data.items():
-                    form = forms.get(name, _UNKNOWN)
+                    form = forms.get(name, unknown)
                     found[name] = given if type(given) in form.plain else form.read(given)
             except DataError as error:
                 raise error.below(name) from None
@@ -354,5 +356,4 @@ def _key_of(kind: Any) -> str:
 
 
 def _default_of(known: Any) -> Any:
-    has_factory = known.default_factory is not MISSING
-    return known.default_factory() if has_factory else known.default
+    return known.default if known.default_factory is MISSING else known.default_factory()

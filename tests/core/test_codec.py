@@ -217,14 +217,17 @@ def test_keys_are_not_repeated_in_the_values() -> None:
         ({**LEAST, "things": {"a": {"name": "a"}}}, "things.a: name is given twice"),
         (
             {**LEAST, "things": {"a": {"length": 1}}},
-            "things.a.length: nothing of this name expected",
+            "things.a.length: nothing of this name (only name, weight) expected",
         ),
         ({**LEAST, "ordered": [{"name": "a"}, {"name": "a"}]}, "ordered: a key is given twice"),
         ({**LEAST, "ways": [[["a", "b"], 1], [["a", "b"], 1]]}, "ways: a key is given twice"),
         ({**LEAST, "more": {"c": 1}}, "more.c: nothing of this name expected"),
         ({**LEAST, "more": {"a": "1"}}, "more.a: a whole number expected, not '1'"),
         ({**LEAST, "path": "abc"}, "path: a list expected"),
-        ({**LEAST, "colours": 1}, "colours: nothing of this name expected"),
+        (
+            {**LEAST, "colours": 1},
+            "colours: nothing of this name (only tree, truth, value, colour, ",
+        ),
     ],
 )
 def test_what_is_wrong_is_told_with_its_path(damage: object, message: str) -> None:

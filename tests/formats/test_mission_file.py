@@ -352,7 +352,7 @@ def _damaged(change: str) -> str:
         ("d['global_tasks'][0]['needs'][0]['min_robots'] = 0", "no robot is needed"),
         (
             "d['global_tasks'][0]['needs'][0]['after'] = ''",
-            "global_tasks.0.needs.0.after: nothing of this name expected",
+            "global_tasks.0.needs.0.after: nothing of this name (only local_task, ",
         ),
         (
             "d['global_tasks'][0]['failure'] = 'never'",
@@ -379,7 +379,7 @@ def _damaged(change: str) -> str:
         ("d['tree']['kind'] = 'Condition'", "tree node 0: 'fix(3)'"),
         ("d['tree']['kind'] = 'Sequence'", "needs at least one child"),
         ("d['tree']['timeout_us'] = 0.5", "tree.timeout_us: a whole number expected"),
-        ("d['tree']['number'] = 1", "tree.number: nothing of this name expected"),
+        ("d['tree']['number'] = 1", "tree.number: nothing of this name (only kind, "),
         ("d['tree'] = []", "tree: an object expected, not []"),
         ("d['parameters'] = {'x': float('inf')}", "not JSON compliant"),
         (

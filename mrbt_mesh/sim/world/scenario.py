@@ -5,14 +5,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import types
+import sys
 import typing
 from dataclasses import dataclass
 from typing import Any
 
+from mrbt_mesh.core.codec import Codec, DataError, StandIn
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.world import faults
-from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import Link, LinkKnobs, NetworkKnobs
 
 _BASES = (faults.Fault, faults.RobotFault)
 KINDS: dict[str, type[faults.Fault]] = {
@@ -58,6 +59,11 @@ class Scenario:
             raise ValueError(f"speed: a number above 0 is expected, found {self.speed}")
         if self.timeout_us <= 0 or min(self.heal_us, self.plan_delay_us or 0) < 0:
             raise ValueError("timeout_us is above 0, heal_us and plan_delay_us are not below 0")
+        for number, (at_us, _) in enumerate(self.steps):
+            if at_us < 0:
+                raise ValueError(
+                    f"steps.{number}.0: a time from 0 us on is expected, found {at_us}"
+                )
         if any(isinstance(fault, faults.EndRouter | faults.StartRouter) for _, fault in self.steps):
             raise ValueError("steps: there are no routers in a schedule, so none can die")
 
@@ -70,21 +76,16 @@ class Scenario:
         return dataclasses.replace(self, steps=tuple(sorted(steps, key=lambda step: step[0])))
 
     def to_json(self) -> dict[str, Any]:
-        data = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        steps = [[at_us, {"fault": type(f).__name__, **_plain(f)}] for at_us, f in self.steps]
-        return {**data, "robots": list(self.robots), "link": _plain(self.link), "steps": steps}
+        data: dict[str, Any] = _CODEC.write(Scenario, self)
+        return data
 
 
 def scenario_from_json(data: Any) -> Scenario:
     """The inverse of `to_json`; raises ScenarioError."""
-    if not isinstance(data, dict):
-        raise ScenarioError("a schedule is an object with seed, robots, steps")
-    steps = data.get("steps")
-    if not isinstance(steps, list):
-        raise ScenarioError("steps: a list of [time_us, fault] is expected")
-    values = {**data, "steps": tuple(_step(number, step) for number, step in enumerate(steps))}
-    scenario = _build(Scenario, values, "schedule")
-    assert isinstance(scenario, Scenario)
+    try:
+        scenario: Scenario = _CODEC.read(Scenario, data)
+    except ValueError as error:
+        raise ScenarioError(f"schedule: {error}") from None
     return scenario
 
 
@@ -96,75 +97,32 @@ def dump(scenario: Scenario, **more: Any) -> str:
     return f'{head},\n  "steps": [\n{steps}\n  ]\n}}\n'
 
 
-def _step(number: int, step: Any) -> Step:
-    where = f"steps[{number}]"
-    if not (isinstance(step, list) and len(step) == 2 and isinstance(step[1], dict)):
-        raise ScenarioError(f'{where}: [time_us, {{"fault": ...}}] is expected')
-    at_us, values = step
-    kind = KINDS.get(values.get("fault", ""))
-    if kind is None:
-        raise ScenarioError(
-            f"{where}: no fault {values.get('fault')!r}; there is {', '.join(KINDS)}"
-        )
-    if type(at_us) is not int or at_us < 0:
-        raise ScenarioError(f"{where}: a time in whole microseconds is expected, found {at_us!r}")
-    rest = {name: value for name, value in values.items() if name != "fault"}
-    return at_us, typing.cast(faults.Fault, _build(kind, rest, where))
+def _fault_to_json(fault: faults.Fault) -> dict[str, Any]:
+    return {"fault": type(fault).__name__, **_CODEC.write(type(fault), fault)}
 
 
-def _plain(value: Any) -> Any:
-    """A fault or its parts as JSON: sets as sorted lists, defaults left out."""
-    if dataclasses.is_dataclass(value):
-        return {
-            f.name: _plain(getattr(value, f.name))
-            for f in dataclasses.fields(value)
-            if getattr(value, f.name) != f.default
-        }
-    if isinstance(value, frozenset):
-        return [list(link) for link in sorted(value)]
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _build(kind: type[Any], values: dict[str, Any], where: str) -> Any:
-    """An instance of a dataclass from plain data, every field checked against its type."""
-    hints = typing.get_type_hints(kind)
-    fields = {f.name: f for f in dataclasses.fields(kind)}
-    unknown = sorted(values.keys() - fields.keys())
-    if unknown:
-        raise ScenarioError(f"{where}: {kind.__name__} has no {unknown[0]!r} ({', '.join(fields)})")
-    made = {}
-    for name, field in fields.items():
-        if name in values:
-            made[name] = _typed(hints[name], values[name], f"{where}.{name}")
-        elif field.default is dataclasses.MISSING:
-            raise ScenarioError(f"{where}: {kind.__name__} needs {name!r}")
+def _fault_from_json(data: Any) -> faults.Fault:
+    name = data.get("fault") if isinstance(data, dict) else None
+    if not isinstance(name, str) or name not in KINDS:
+        raise ValueError(f"no fault {name!r:.80}; there is {', '.join(KINDS)}")
+    rest = {field: value for field, value in data.items() if field != "fault"}
     try:
-        return kind(**made)
-    except ValueError as error:
-        raise ScenarioError(f"{where}: {error}") from None
+        fault: faults.Fault = _CODEC.read(KINDS[name], rest)
+    except DataError as error:
+        raise error.below(name) from None
+    return fault
 
 
-def _typed(hint: Any, value: Any, where: str) -> Any:
-    if isinstance(hint, types.UnionType):
-        if value is None and type(None) in hint.__args__:
-            return None
-        hint = next(part for part in hint.__args__ if part is not type(None))
-    origin = typing.get_origin(hint)
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        if isinstance(value, dict):
-            return _build(hint, value, where)
-    elif origin is frozenset:
-        if isinstance(value, list) and all(_is_pair(link) for link in value):
-            return frozenset((source, target) for source, target in value)
-    elif origin is tuple:
-        if isinstance(value, list | tuple):
-            return tuple(value)
-    elif hint is float and type(value) in (int, float):
-        return float(value)
-    elif hint is Any or type(value) is hint:
-        return value
-    raise ScenarioError(f"{where}: {value!r} is not what is expected here ({hint})")
+def _number(found: Any) -> float:
+    if type(found) not in (int, float) or not abs(found) <= sys.float_info.max:
+        raise ValueError(f"a number expected, not {found!r:.80}")
+    return float(found)
 
 
-def _is_pair(link: Any) -> bool:
-    return isinstance(link, list) and len(link) == 2 and all(isinstance(x, str) for x in link)
+_CODEC = Codec(
+    {
+        float: StandIn(Any, lambda number: number, _number),
+        frozenset[Link]: StandIn(tuple[Link, ...], sorted, frozenset),
+        faults.Fault: StandIn(Any, _fault_to_json, _fault_from_json),
+    }
+)

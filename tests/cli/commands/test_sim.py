@@ -193,11 +193,11 @@ def test_a_schedule_is_replayed(tmp_path: Path) -> None:
     [
         ("[", "Expecting value"),
         ("[]", "an object with mission, seed, robots, steps is expected"),
-        ('{"seed": 1, "robots": ["R1"], "steps": [], "heal_us": 1}', "Scenario needs 'timeout_us'"),
+        ('{"seed": 1, "robots": ["R1"], "steps": [], "heal_us": 1}', "'timeout_us' is missing"),
         (json.dumps(SCHEDULE), "names no mission; give one"),
         (json.dumps({**SCHEDULE, "robots": []}), "robots: at least one is expected"),
         (json.dumps({**SCHEDULE, "speed": 0}), "speed: a number above 0 is expected"),
-        (json.dumps({**SCHEDULE, "speed": float("nan")}), "speed: a number above 0 is expected"),
+        (json.dumps({**SCHEDULE, "speed": float("nan")}), "speed: a number expected, not nan"),
         (json.dumps({**SCHEDULE, "timeout_us": 0}), "timeout_us is above 0"),
     ],
 )

@@ -113,7 +113,7 @@ def test_the_robots_program_and_the_order_of_declarations_do_not_change_the_dige
         ({"compiled": 99}, "compiled mission version 4 expected, found 99"),
         ({"tree": ["Sequence"]}, "tree: an object expected"),
         ({"robots": 3}, "compiled mission is damaged: robots: an object expected, not 3"),
-        ({"assignment": "spare_scarce"}, "damaged: assignment: nothing of this name expected"),
+        ({"assignment": "spare_scarce"}, "damaged: assignment: nothing of this name"),
         ({"tree": {"kind": "Dance"}}, "tree.kind: .* expected, not 'Dance'"),
     ],
 )

@@ -54,18 +54,25 @@ def test_sets_of_links_and_nested_knobs_are_plain_data() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"steps": None}, "steps: a list of [time_us, fault] is expected"),
-        ({"steps": [[1]]}, "steps[0]: [time_us"),
+        ({"steps": None}, "schedule: steps: a list expected"),
+        ({"steps": [[1]]}, "steps.0: a list of 2 expected"),
         ({"steps": [[1, {"fault": "Explode"}]]}, "no fault 'Explode'; there is Kill"),
-        ({"steps": [[-1, {"fault": "Kill", "robot": "A"}]]}, "a time in whole microseconds"),
-        ({"steps": [[1, {"fault": "Kill"}]]}, "Kill needs 'robot'"),
-        ({"steps": [[1, {"fault": "Kill", "robot": 7}]]}, "7 is not what is expected"),
-        ({"steps": [[1, {"fault": "Kill", "robot": "A", "x": 1}]]}, "Kill has no 'x' (robot)"),
-        ({"steps": [[1, {"fault": "Block", "links": [["A"]]}]]}, "is not what is expected"),
+        ({"steps": [[1, {"fault": ["Kill"]}]]}, "steps.0.1: no fault ['Kill']; there is Kill"),
+        ({"steps": [[-1, {"fault": "Kill", "robot": "A"}]]}, "steps.0.0: a time from 0 us on"),
+        ({"steps": [[1.5, {"fault": "Kill", "robot": "A"}]]}, "steps.0.0: a whole number"),
+        ({"steps": [[1, {"fault": "Kill"}]]}, "steps.0.1: Kill: 'robot' is missing"),
+        ({"steps": [[1, {"fault": "Kill", "robot": 7}]]}, "robot: a text expected, not 7"),
+        (
+            {"steps": [[1, {"fault": "Kill", "robot": "A", "x": 1}]]},
+            "Kill.x: nothing of this name (only robot)",
+        ),
+        ({"steps": [[1, {"fault": "Block", "links": [["A"]]}]]}, "links.0: a list of 2 expected"),
         ({"link": {"loss_permille": 2000}}, "a chance is from 0 to 1000 permille"),
-        ({"seed": "one"}, "schedule.seed: 'one' is not what is expected"),
-        ({"speed": True}, "schedule.speed"),
-        ({"colour": 1}, "Scenario has no 'colour'"),
+        ({"seed": "one"}, "schedule: seed: a whole number expected, not 'one'"),
+        ({"speed": True}, "schedule: speed"),
+        ({"speed": 10**400}, "schedule: speed: a number expected, not 1000"),
+        ({"speed": "1"}, "speed: a number expected, not '1'"),
+        ({"colour": 1}, "colour: nothing of this name (only seed, robots, steps,"),
     ],
 )
 def test_what_is_wrong_is_said(change: dict[str, Any], message: str) -> None:
@@ -76,7 +83,7 @@ def test_what_is_wrong_is_said(change: dict[str, Any], message: str) -> None:
 
 
 def test_no_object_at_all() -> None:
-    with pytest.raises(ScenarioError, match="a schedule is an object"):
+    with pytest.raises(ScenarioError, match="schedule: an object expected"):
         scenario_from_json([])
 
 
@@ -157,7 +164,7 @@ def test_generated_missions_have_everything_in_them() -> None:
     assert kinds >= {"RetryUntilSuccessful", "Repeat", "ForceSuccess", "ForceFailure"}
     assert kinds >= {"KeepRunningUntilFailure"}
     assert any(task.preemptive for task in tasks)
-    assert {str(task.failure) for task in tasks} == {"paper", "resilient"}
+    assert {str(task.failure) for task in tasks} == {"first", "paper", "resilient"}
     assert any(task.blocked_fail_after_us for task in tasks)
     assert any(is_simultaneous(task) for task in tasks)
     assert {str(in_doubt_policy(task)) for task in tasks if task.at_most_once} == {
