@@ -148,9 +148,9 @@ class Codec:
         form = self._form(stand_in.hint)
 
         def read(data: Any) -> Any:
-            return _made(stand_in.back, form.read(data))
+            return _made(stand_in.back, data if type(data) in form.plain else form.read(data))
 
-        return Form(lambda value: form.write(stand_in.there(value)), read)
+        return Form(lambda value: _written(form, stand_in.there(value)), read)
 
     def _annotated(self, hint: Any, mark: Any) -> Form:
         if isinstance(mark, TypesByName):

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass, fields
+from functools import cache
+from typing import Any, NamedTuple, get_type_hints
 
+from mrbt_mesh.core.codec import Codec, StandIn
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
@@ -16,9 +18,6 @@ from mrbt_mesh.recording.channels import FORMAT
 
 # Replaces the robot's name in the recording of an observer.
 OBSERVER = ""
-
-_TRUTH = {"true": True, "false": False}
-_TIMES = tuple(each.name for each in fields(Timing))
 
 
 class NamedRecording(NamedTuple):
@@ -81,14 +80,16 @@ class RunMetadata:
     solver: str = ""
     has_keys: bool = False
     speed: float = 1.0
-    is_observed: bool = False
     part: int = 1
     after_number: int = 0
     after_check: str = ""
     kept_from: int = 1
+    is_observed: bool = False
     has_summary: bool = False
-    earlier: tuple[NamedRecording, ...] = ()
     clock: str = ""
+    # Last, because its text is not empty: a reader takes zeros at the end of a file for what was
+    # never written.
+    earlier: tuple[NamedRecording, ...] = ()
 
     @property
     def team_digest(self) -> str:
@@ -107,29 +108,8 @@ class RunMetadata:
 
     def to_values(self) -> dict[str, str]:
         """Return the metadata as MCAP stores it: only texts."""
-        return {
-            "format": FORMAT,
-            "robot": self.robot,
-            "run": self.run,
-            "mission": self.mission,
-            "mission_digest": self.mission_digest,
-            "timing": json.dumps({name: getattr(self.timing, name) for name in _TIMES}),
-            "epoch_ns": str(self.epoch_ns),
-            "version": self.version,
-            "solver": self.solver,
-            "has_keys": str(self.has_keys).lower(),
-            "speed": repr(self.speed),
-            "part": str(self.part),
-            "after_number": str(self.after_number),
-            "after_check": self.after_check,
-            "kept_from": str(self.kept_from),
-            "is_observed": str(self.is_observed).lower(),
-            "has_summary": str(self.has_summary).lower(),
-            "clock": self.clock,
-            # Last, because it is not empty: a reader takes zeros at the end for what was never
-            # written.
-            "earlier": json.dumps(pack_named(self.earlier)),
-        }
+        texts = {name: _TEXTS.write(hint, getattr(self, name)) for name, hint in _fields()}
+        return {"format": FORMAT, **texts}
 
     @staticmethod
     def from_values(values: Mapping[str, str]) -> RunMetadata:
@@ -138,29 +118,8 @@ class RunMetadata:
             found = values.get("format", "none")
             raise ValueError(f"its format is {found}, this version of mrbt reads {FORMAT}")
         try:
-            timing: dict[str, Any] = json.loads(values["timing"])
-            speed = float(values["speed"])
-            if not 0 < speed < math.inf:
-                raise ValueError(f"speed {speed}")
             return RunMetadata(
-                values["robot"],
-                values["run"],
-                values["mission"],
-                values["mission_digest"],
-                Timing(**{name: int(timing[name]) for name in _TIMES}),
-                int(values["epoch_ns"]),
-                values["version"],
-                values["solver"],
-                _TRUTH[values["has_keys"]],
-                speed,
-                _TRUTH[values["is_observed"]],
-                int(values["part"]),
-                int(values["after_number"]),
-                values["after_check"],
-                int(values["kept_from"]),
-                _TRUTH[values["has_summary"]],
-                parse_named(json.loads(values["earlier"])),
-                values["clock"],
+                **{name: _TEXTS.read(hint, values[name]) for name, hint in _fields()}
             )
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             text = "its metadata are damaged: a field is missing or of another kind"
@@ -175,3 +134,36 @@ class RunMetadata:
         if mission.digest != self.mission_digest:
             raise ValueError("the mission in its metadata is not that of its digest")
         return mission
+
+
+@cache
+def _fields() -> tuple[tuple[str, Any], ...]:
+    """The names and types of the fields of metadata, in order."""
+    return tuple(get_type_hints(RunMetadata).items())
+
+
+def _read_timing(text: str) -> Timing:
+    found = json.loads(text)
+    return Timing(**{each.name: int(found[each.name]) for each in fields(Timing)})
+
+
+def _read_speed(text: str) -> float:
+    speed = float(text)
+    if not 0 < speed < math.inf:
+        raise ValueError(f"a speed above 0 expected, not {text}")
+    return speed
+
+
+_TEXTS = Codec(
+    {
+        bool: StandIn(str, json.dumps, {"true": True, "false": False}.__getitem__),
+        int: StandIn(str, str, int),
+        float: StandIn(str, repr, _read_speed),
+        Timing: StandIn(str, lambda timing: json.dumps(asdict(timing)), _read_timing),
+        tuple[NamedRecording, ...]: StandIn(
+            str,
+            lambda earlier: json.dumps(pack_named(earlier)),
+            lambda text: parse_named(json.loads(text)),
+        ),
+    }
+)

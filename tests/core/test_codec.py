@@ -236,6 +236,14 @@ def test_what_is_wrong_is_told_with_its_path(damage: object, message: str) -> No
     assert str(caught.value).startswith(message)
 
 
+def test_a_text_may_stand_in_for_a_number() -> None:
+    codec = Codec({int: StandIn(str, str, int)})
+    assert codec.write(Thing, Thing("a", 2)) == {"name": "a", "weight": "2"}
+    assert codec.read(Thing, {"name": "a", "weight": "2"}) == Thing("a", 2)
+    with pytest.raises(DataError, match="weight: a text expected, not 2"):
+        codec.read(Thing, {"name": "a", "weight": 2})
+
+
 def test_messages_are_short_whatever_was_given() -> None:
     with pytest.raises(DataError) as caught:
         CODEC.read(Whole, {**LEAST, "things": {"x" * 1_000: "y" * 1_000}})
