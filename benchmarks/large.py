@@ -108,7 +108,7 @@ class WrittenFacts:
     def turn(self, name: str, robot: str) -> list[Entry]:
         """A robot sees a condition change."""
         facts = self.facts
-        row = [not facts.condition(name), facts.conditions.revision(name) + 1, facts.max_stamp + 1]
+        row = [not facts.condition(name), facts.conditions.changes(name) + 1, facts.max_stamp + 1]
         return self.write(robot, (f"{records.CONDITION}/{name}", row))
 
 

@@ -138,8 +138,8 @@ class _Builder:
             elif not self.mission.entries.can_be_set(name) or self.mission.entries.is_value(name):
                 self._report.add(here, f"no condition{nearest(name, self.mission.truths)}")
             elif self.facts.condition(name) != holds:
-                revision = self.facts.conditions.revision(name) + 1
-                self._write(self._first, f"{records.CONDITION}/{name}", [holds, revision, 1])
+                changes = self.facts.conditions.changes(name) + 1
+                self._write(self._first, f"{records.CONDITION}/{name}", [holds, changes, 1])
 
     def _blackboard(self, values: Mapping[str, Any]) -> None:
         for name, given in values.items():
@@ -159,10 +159,10 @@ class _Builder:
             self._write(self._first, f"{records.CONDITION}/{name}", [value, 1, 1])
 
     def _note_turns(self) -> None:
-        """Write the revisions of changed guards, as robots do."""
+        """Write how often guards have changed, as robots do."""
         while turned := self.facts.turned_guards():
-            for name, revision in turned:
-                value = revision.to_value()
+            for name, changes in turned:
+                value = changes.to_value()
                 self._write(self._first, f"{records.EXPRESSION}/{name}", value)
 
     def _ended(self, section: str, tasks: list[str]) -> None:

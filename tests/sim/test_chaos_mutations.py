@@ -18,7 +18,7 @@ CAUGHT = {
     "every_mission_ends": ("I6", (115, 167)),
     "unsorted_workers": ("I1", (0, 1)),
     "no_pins": ("I4", (38, 19)),
-    "revision_not_bumped": ("I2", (4, 12)),
+    "changes_not_counted": ("I2", (4, 12)),
     "outcomes_dropped_at_restart": ("I9", (1, 4)),
     "no_relays": ("I2", (6, 10)),
     "digest_ignores_conditions": ("I2", (44, 46)),

@@ -233,7 +233,7 @@ class World:
     def set(self, name: str, value: bool, author: str = "R1") -> None:
         """Someone sees a condition change; nothing is written where it is so already."""
         if self.facts.condition(name) != value:
-            row = [value, self.facts.conditions.revision(name) + 1, self.facts.max_stamp + 1]
+            row = [value, self.facts.conditions.changes(name) + 1, self.facts.max_stamp + 1]
             self.write(author, (f"{records.CONDITION}/{name}", row))
 
     def outcome(self, activation: str, success: bool, robot: str = "R1", local: str = "") -> None:

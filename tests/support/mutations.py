@@ -136,10 +136,10 @@ def no_pins(original: Any, *given: Any) -> demands.Demand:
 
 
 @mutation(Reports, "_changed_conditions")
-def revision_not_bumped(original: Any, mine: Reports, *given: Any) -> dict[str, ConditionValue]:
-    """A condition that changes keeps its revision, and the first writer wins."""
+def changes_not_counted(original: Any, mine: Reports, *given: Any) -> dict[str, ConditionValue]:
+    """A condition that changes keeps its count, and the first writer wins."""
     changed = original(mine, *given)
-    return {n: replace(v, revision=max(1, v.revision - 1)) for n, v in changed.items()}
+    return {n: replace(v, changes=max(1, v.changes - 1)) for n, v in changed.items()}
 
 
 @mutation(ActivationFacts, "add")

@@ -126,7 +126,7 @@ class Planner:
             dropped += self._prune()
             # Changes of guards of several conditions are written before anything is planned.
             while turned := facts.turned_guards():
-                noted = [(f"{records.EXPRESSION}/{name}", revision) for name, revision in turned]
+                noted = [(f"{records.EXPRESSION}/{name}", changes) for name, changes in turned]
                 before = facts.changes
                 context.write(noted, now_us)
                 dropped += self._prune()

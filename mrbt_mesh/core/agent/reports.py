@@ -134,14 +134,14 @@ class Reports:
         stamp = facts.max_stamp + 1
         for given, value in conditions:
             name = context.mission.entries.of(context.me, given, job)
-            revision = facts.conditions.revision(name)
+            changes = facts.conditions.changes(name)
             if not context.mission.entries.can_be_set(name):
                 context.log("error", "condition_not_declared", condition=name)
             elif facts.conditions.entry(name) != value:
-                changed[name] = ConditionValue(value, revision + 1, stamp)
-            elif revision and name != given and context.last_word(name) != value:
+                changed[name] = ConditionValue(value, changes + 1, stamp)
+            elif changes and name != given and context.last_word(name) != value:
                 # Other robots wrote this about this robot, which no longer contradicts them.
-                changed[name] = ConditionValue(value, revision, stamp)
+                changed[name] = ConditionValue(value, changes, stamp)
             else:
                 changed.pop(name, None)
         return changed

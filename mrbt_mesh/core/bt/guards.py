@@ -6,7 +6,7 @@ the node gets another activation (`activation`): what was done there is done aga
 back, nothing changes.
 
 An *expression* is a subtree without actions, or the first children of a control if they have none.
-A single condition needs no more than its name: its revisions count its turns. The turns of several
+A single condition needs no more than its name: its changes count its turns. The turns of several
 conditions that decide together cannot be counted from theirs, since they may change at once; they
 are a fact of their own (`facts.conditions`).
 

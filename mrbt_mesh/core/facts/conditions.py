@@ -1,18 +1,19 @@
 """How the team reads a condition, and how often a guard has changed its value.
 
-Every robot may set a condition. Over all authors the value with the greatest (revision, stamp,
+Every robot may set a condition. Over all authors the value with the greatest (changes, stamp,
 author) counts. A condition that nobody has set has its declared default. If every robot has its own
 condition, the name without a robot holds if it holds for any robot of the mission.
 
-A boolean alternates, so its revision shows how often it has changed to either value. This is not so
+A boolean alternates, so its changes show how often it has changed to either value. This is not so
 for an *expression*, several conditions that decide together: a robot that sees its value change
-writes that down, with the revisions of the conditions that it has read. Over all authors the
-greatest revision counts; of equal ones, the greatest of each revision read. Only a robot that knows
-everything that was read before may write the next one, so late news is not mistaken for a change.
+writes that down, with how often each of its conditions had changed by then. Over all authors the
+greatest number of changes counts; of equal ones, the greatest of each that was read. Only a robot
+that knows everything that was read before may write the next one, so late news is not mistaken for
+a change.
 
 Other blackboard entries do not alternate, and two robots may give one of them different values with
-the same revision. So each comparison with such an entry is an expression, and what was read of the
-entry is noted as (revision, stamp, author), which identifies one value.
+the same changes. So each comparison with such an entry is an expression, and what was read of the
+entry is noted as (changes, stamp, author), which identifies one value.
 
 A note about an expression counts once everything read for it is known here.
 """
@@ -24,7 +25,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
 from mrbt_mesh.core.bt.guards import Expression, Guard, GuardWithActions
-from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision, Revision
+from mrbt_mesh.core.facts.records import ConditionValue, ExpressionChanges, Reading
 from mrbt_mesh.core.mission.conditions import Value
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import split_owner
@@ -43,9 +44,9 @@ class Conditions:
         # Cached, as they are read at every tick: standing values, and defaults that were needed.
         self._values: dict[str, bool] = {}
         self._defaults: dict[str, bool] = {}
-        self._noted: dict[str, dict[str, ExpressionRevision]] = {}
+        self._noted: dict[str, dict[str, ExpressionChanges]] = {}
         # Notes that rest on something that is not known here yet.
-        self._early: dict[str, dict[str, ExpressionRevision]] = {}
+        self._early: dict[str, dict[str, ExpressionChanges]] = {}
         self._readers: dict[str, list[Expression]] = {}
         # Expressions that may have changed since `unnoted` last looked at them.
         self._touched: dict[str, Expression] = {}
@@ -86,8 +87,8 @@ class Conditions:
             self._note_early()
 
     def counts(self, name: str) -> dict[str, int]:
-        """How often each author says that a condition has changed: its revision."""
-        return {by: each.revision for by, each in self._by_author.get(name, {}).items()}
+        """How often each author says that a condition has changed."""
+        return {by: each.changes for by, each in self._by_author.get(name, {}).items()}
 
     def drop(self, name: str, author: str) -> None:
         """Drop the author's value of an entry, together with the entry's job."""
@@ -99,7 +100,7 @@ class Conditions:
         """Find the value that counts, and invalidate what depends on it."""
         values = self._by_author[name]
         if values:
-            _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
+            _, _, winner = max((each.changes, each.stamp, by) for by, each in values.items())
             self._standing[name] = values[winner], winner
         else:
             del self._by_author[name], self._standing[name]
@@ -158,33 +159,33 @@ class Conditions:
             if not reader.id.startswith("#"):
                 yield from self._affected(reader.id)
 
-    def revision(self, name: str) -> int:
+    def changes(self, name: str) -> int:
         """How often the condition or expression has changed."""
         if name in self._noted:
-            return self.noted(name).revision
+            return self.noted(name).changes
         standing = self._standing.get(name)
-        return standing[0].revision if standing is not None else 0
+        return standing[0].changes if standing is not None else 0
 
-    def seen(self, name: str) -> Revision:
+    def seen(self, name: str) -> Reading:
         """What to note of a condition or entry when it is read."""
         if not self._mission.entries.is_value(name):
-            return self.revision(name)
+            return self.changes(name)
         value, author = self._standing.get(name, _NOT_SET)
-        return value.revision, value.stamp, author
+        return value.changes, value.stamp, author
 
     def turns(self, name: str, value: bool) -> int:
         """How often the condition or expression has changed to `value`."""
-        revision = self.revision(name)
-        return self.turns_at(name, value, revision) if revision else 0
+        changes = self.changes(name)
+        return self.turns_at(name, value, changes) if changes else 0
 
-    def turns_at(self, name: str, value: bool, revision: int) -> int:
-        """The same as `turns`, at any revision: a boolean alternates, starting from its default.
+    def turns_at(self, name: str, value: bool, changes: int) -> int:
+        """The same as `turns`, after any number of changes: a boolean alternates from its default.
 
         For a guard with actions, only changes against what it guards are counted, as True.
         """
         if name in self._with_actions:
-            return revision if value else 0
-        return revision // 2 if value == self._default(name) else (revision + 1) // 2
+            return changes if value else 0
+        return changes // 2 if value == self._default(name) else (changes + 1) // 2
 
     def entries(self) -> dict[str, str]:
         """The blackboard entries that are set, without conditions, and their values as texts."""
@@ -213,7 +214,7 @@ class Conditions:
 
     # -- expressions --------------------------------------------------------------------------
 
-    def note(self, name: str, author: str, noted: ExpressionRevision) -> None:
+    def note(self, name: str, author: str, noted: ExpressionChanges) -> None:
         """Add an author's note about an expression, or about a guard with actions."""
         self._early.get(name, {}).pop(author, None)
         if self._is_early(name, noted):
@@ -227,14 +228,14 @@ class Conditions:
         if self._early:
             self._note_early()
 
-    def _is_early(self, name: str, noted: ExpressionRevision) -> bool:
+    def _is_early(self, name: str, noted: ExpressionChanges) -> bool:
         """True if something that was read is newer than what is known here."""
         if name in self._expressions:
             known = map(self.seen, self._expressions[name].conditions)
             return any(map(operator.gt, noted.read, known))
         guard = self._with_actions.get(name)
         return guard is not None and any(
-            map(operator.gt, noted.read, map(self.revision, guard.conditions))
+            map(operator.gt, noted.read, map(self.changes, guard.conditions))
         )
 
     def _note_early(self) -> None:
@@ -256,17 +257,17 @@ class Conditions:
         for expression in self._readers.get(name, ()):
             self._touched[expression.id] = expression
 
-    def noted(self, name: str) -> ExpressionRevision:
+    def noted(self, name: str) -> ExpressionChanges:
         """What the team knows of an expression: the join of all authors' notes."""
         said = self._noted.get(name)
         if not said:
-            return ExpressionRevision(0, ())
-        revision = max(each.revision for each in said.values())
-        rows = [each.read for each in said.values() if each.revision == revision]
-        read: tuple[Revision, ...] = tuple(map(max, zip(*rows, strict=True)))
-        return ExpressionRevision(revision, read)
+            return ExpressionChanges(0, ())
+        changes = max(each.changes for each in said.values())
+        rows = [each.read for each in said.values() if each.changes == changes]
+        read: tuple[Reading, ...] = tuple(map(max, zip(*rows, strict=True)))
+        return ExpressionChanges(changes, read)
 
-    def unnoted(self) -> list[tuple[str, ExpressionRevision]]:
+    def unnoted(self) -> list[tuple[str, ExpressionChanges]]:
         """The expressions whose value has changed, by what is known here, with notes to write."""
         found = []
         for name, expression in sorted(self._touched.items()):
@@ -274,14 +275,14 @@ class Conditions:
             read = tuple(map(self.seen, expression.conditions))
             if any(map(operator.lt, read, noted.read)):
                 continue  # late news: checked again once the rest has arrived
-            was = self._default(name) ^ bool(noted.revision % 2)
+            was = self._default(name) ^ bool(noted.changes % 2)
             if self._value_at(expression, read) != was:
-                found.append((name, ExpressionRevision(noted.revision + 1, read)))
+                found.append((name, ExpressionChanges(noted.changes + 1, read)))
             else:
                 del self._touched[name]
         return found
 
-    def _value_at(self, expression: Expression, read: Sequence[Revision]) -> bool:
+    def _value_at(self, expression: Expression, read: Sequence[Reading]) -> bool:
         """True if an expression holds, given what is known of its conditions now."""
         if self._has_values and any(map(self._mission.entries.is_value, expression.conditions)):
             return self.value(expression.id)
@@ -299,7 +300,7 @@ class Conditions:
             if not each.startswith("#"):
                 self._values_before.setdefault(each, self.value(each))
 
-    def turned_with_actions(self, facts: EvaluationFacts) -> list[tuple[str, ExpressionRevision]]:
+    def turned_with_actions(self, facts: EvaluationFacts) -> list[tuple[str, ExpressionChanges]]:
         """A guard with actions that lost its status through changed conditions, with the note to
         write.
 
@@ -312,23 +313,21 @@ class Conditions:
             if self._values_before.keys().isdisjoint(guard.conditions):
                 continue
             noted = self.noted(guard.id)
-            read: tuple[Revision, ...] = tuple(map(self.revision, guard.conditions))
+            read: tuple[Reading, ...] = tuple(map(self.changes, guard.conditions))
             if noted.read == read or any(map(operator.lt, read, noted.read)):
                 continue  # other robots have seen it, or have seen more
             if self._mission.evaluator.has_turned(guard, before, facts):
-                return [(guard.id, ExpressionRevision(noted.revision + 1, read))]
+                return [(guard.id, ExpressionChanges(noted.changes + 1, read))]
         self._values_before.clear()
         self._counts_before.clear()
         return []
 
 
-def expression_value(
-    mission: Mission, expression: Expression, revisions: Sequence[Revision]
-) -> bool:
-    """True if an expression holds (succeeds) when its conditions have these revisions."""
+def expression_value(mission: Mission, expression: Expression, readings: Sequence[Reading]) -> bool:
+    """True if an expression holds (succeeds) when its conditions have changed so often."""
     holding = {
         name
-        for name, revision in zip(expression.conditions, revisions, strict=True)
-        if isinstance(revision, int) and mission.entries.default(name) ^ bool(revision % 2)
+        for name, changes in zip(expression.conditions, readings, strict=True)
+        if isinstance(changes, int) and mission.entries.default(name) ^ bool(changes % 2)
     }
     return mission.evaluator.holds(expression, holding)

@@ -31,9 +31,9 @@ from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_PRIORITY, MAX_RO
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_TIMED_PLACES
 
 _Item = TypeVar("_Item")
-# What was read of a condition (its revision), or of another entry: (revision, stamp, author), since
-# several values may have the same revision.
-Revision: TypeAlias = int | tuple[int, int, str]
+# What was read of a condition (how often it has changed), or of another entry: (changes, stamp,
+# author), since several values may come after as many changes.
+Reading: TypeAlias = int | tuple[int, int, str]
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
@@ -118,17 +118,17 @@ def _read_ways(value: Any) -> tuple[tuple[int | None, ...], ...]:
     )
 
 
-def _read_revisions(value: Any) -> tuple[Revision, ...]:
+def _read_readings(value: Any) -> tuple[Reading, ...]:
     if not isinstance(value, list):
-        raise ValueError(f"list of revisions expected, found {shown(value)}")
-    return tuple(map(_read_revision, value))
+        raise ValueError(f"list of changes expected, found {shown(value)}")
+    return tuple(map(_read_reading, value))
 
 
-def _read_revision(value: Any) -> Revision:
+def _read_reading(value: Any) -> Reading:
     if not isinstance(value, list | tuple):
         return read_integer(value)
-    revision, stamp, author = read_fields(list(value), 3)
-    return read_integer(revision), read_integer(stamp), read_text(author)
+    changes, stamp, author = read_fields(list(value), 3)
+    return read_integer(changes), read_integer(stamp), read_text(author)
 
 
 def _read_value(value: Any) -> Value | None:
@@ -374,26 +374,26 @@ class Outcome(Record):
 @dataclass(frozen=True, slots=True)
 class ConditionValue(Record):
     """A condition, or another blackboard entry, as its author last saw or set it. None: no longer
-    set. `revision` grows by one at each change, so an author's value never reverts to an older one.
+    set. `changes` grows by one with each, so an author's value never reverts to an older one.
     """
 
     value: Annotated[Value | None, Plain(_read_value)]
-    revision: _Positive
+    changes: _Positive
     stamp: int
 
     def rank(self) -> int:
-        return self.revision
+        return self.changes
 
 
 @dataclass(frozen=True, slots=True)
-class ExpressionRevision(Record):
+class ExpressionChanges(Record):
     """How often several conditions that decide together have changed their common value.
 
-    `read`: the revisions of these conditions, sorted by name, when the last change was seen.
+    `read`: how often these conditions had, sorted by name, when the last change was seen.
     """
 
-    revision: _Positive
-    read: Annotated[tuple[Revision, ...], Plain(_read_revisions, list)]
+    changes: _Positive
+    read: Annotated[tuple[Reading, ...], Plain(_read_readings, list)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -721,7 +721,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     RESULT: (MissionResult.parse, (1,)),
     OUTCOME: (Outcome.parse, (3, 4)),
     CONDITION: (ConditionValue.parse, (2,)),
-    EXPRESSION: (ExpressionRevision.parse, (2,)),
+    EXPRESSION: (ExpressionChanges.parse, (2,)),
     ATTEMPT: (Attempt.parse, (2,)),
     ARGUMENTS: (Arguments.parse, (2,)),
     CHILD_RESULT: (ChildResult.parse, (3,)),

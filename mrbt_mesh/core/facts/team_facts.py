@@ -21,7 +21,7 @@ from mrbt_mesh.core.facts.records import (
     Attempt,
     Claim,
     ConditionValue,
-    ExpressionRevision,
+    ExpressionChanges,
     JobArchive,
     JobEnd,
     Member,
@@ -213,7 +213,7 @@ class TeamFacts:
         """How often the condition or expression has changed to `value`."""
         return self.conditions.turns(name, value)
 
-    def turned_guards(self) -> list[tuple[str, ExpressionRevision]]:
+    def turned_guards(self) -> list[tuple[str, ExpressionChanges]]:
         """The guards of several nodes whose value has changed here and must be recorded."""
         self._follow_jobs()
         return self.conditions.unnoted() or self.conditions.turned_with_actions(self)
@@ -355,9 +355,9 @@ class TeamFacts:
         """
         author, name = entry.author, entry.name
         match entry.record:
-            case ConditionValue(revision=revision):
+            case ConditionValue(changes=changes):
                 known = partial(self.conditions.counts, entry.parts[1])
-                return self._counts.is_too_far_ahead(name, author, revision, known)
+                return self._counts.is_too_far_ahead(name, author, changes, known)
             case Attempt(number):
                 known = partial(self._attempts_by_author, entry.parts[1])
                 return self._counts.is_too_far_ahead(name, author, number, known)
@@ -608,7 +608,7 @@ class TeamFacts:
             case ConditionValue():
                 self.conditions.set(entry.parts[1], author, record)
                 self._stamps.see(author, record.stamp)
-            case ExpressionRevision():
+            case ExpressionChanges():
                 self.conditions.note(entry.parts[1], author, record)
             case MissionResult():
                 self._results[author] = record

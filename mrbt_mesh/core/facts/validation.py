@@ -24,7 +24,7 @@ from mrbt_mesh.core.facts.records import (
     Attempt,
     Claim,
     ConditionValue,
-    ExpressionRevision,
+    ExpressionChanges,
     Job,
     JobEnd,
     MissionResult,
@@ -198,7 +198,7 @@ def _refuse_place(place: str, mission: Mission) -> str | None:
 
 
 def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
-    """Check the value. A boolean alternates from its default, so value and revision must agree."""
+    """Check the value. A boolean alternates, so value and changes must agree."""
     if not mission.entries.can_be_set(name):
         return f"condition {name!r} is not declared, or not of this robot"
     record = entry.record
@@ -207,13 +207,13 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
         return f"{name!r}: {problem}"
     if mission.entries.is_value(name):
         return None
-    if record.value != (mission.entries.default(name) ^ bool(record.revision % 2)):
-        return f"condition {name!r}: value and revision {record.revision} disagree"
+    if record.value != (mission.entries.default(name) ^ bool(record.changes % 2)):
+        return f"condition {name!r}: value and count {record.changes} disagree"
     return None
 
 
 def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
-    """Check that an expression's revision follows from those read, and is at most their sum."""
+    """Check that an expression's changes follow from those read, and are at most their sum."""
     expression = mission.entries.expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
     of_job = mission.entries.expression_of_job(name) if guard is None and mission.jobs else None
@@ -228,19 +228,21 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     if guard is None:
         return f"{name!r:.80} is not a guard of several conditions in this mission's tree"
     record = entry.record
-    assert isinstance(record, ExpressionRevision)
+    assert isinstance(record, ExpressionChanges)
     reads_value = any(map(mission.entries.is_value, guard.conditions))
     numbers = [each for each in record.read if isinstance(each, int)]
     fits = len(numbers) == (0 if reads_value else len(record.read))
     fits = fits and len(record.read) == len(guard.conditions)
-    if not fits or (not reads_value and sum(numbers) < record.revision):
-        return f"expression {name!r}: revision {record.revision} does not follow from {record.read}"
+    if not fits or (not reads_value and sum(numbers) < record.changes):
+        return (
+            f"expression {name!r}: a count of {record.changes} does not follow from {record.read}"
+        )
     if expression is None or reads_value or job:
         return None  # it depends on more: outcomes, a value, or the arguments of the job
     at_first = expression_value(mission, expression, (0,) * len(record.read))
     now = expression_value(mission, expression, record.read)
-    if now != at_first ^ bool(record.revision % 2):
-        return f"expression {name!r}: value and revision {record.revision} disagree"
+    if now != at_first ^ bool(record.changes % 2):
+        return f"expression {name!r}: value and count {record.changes} disagree"
     return None
 
 

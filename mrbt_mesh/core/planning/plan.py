@@ -98,18 +98,19 @@ UNDECIDED = "in doubt"
 
 @dataclass(frozen=True, slots=True)
 class PendingLoss:
-    """A condition that becomes false, or an entry that is not set any more, as its `revision`, if
-    every plan shows it for `Timing.failure_latch_us`: a robot outside the team had it.
+    """A condition that becomes false, or an entry that is not set any more, as the last of so many
+    `changes`, if every plan shows it for `Timing.failure_latch_us`: a robot outside the team had
+    it.
     """
 
     condition: str
-    revision: int
+    changes: int
     value: Value | None = False
 
     @property
     def fact(self) -> Fact:
         """The fact that it is lost; the same, whichever robot writes it."""
-        return f"{records.CONDITION}/{self.condition}", ConditionValue(self.value, self.revision, 0)
+        return f"{records.CONDITION}/{self.condition}", ConditionValue(self.value, self.changes, 0)
 
 
 @dataclass(frozen=True, slots=True)

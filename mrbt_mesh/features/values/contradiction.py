@@ -22,8 +22,8 @@ class Contradiction(Part):
             name = context.mission.entries.of(context.me, read)
             value = context.last_word(name)
             if facts.conditions.entry(name) != value:
-                revision = facts.conditions.revision(name) + 1
-                changed[name] = ConditionValue(value, revision, facts.max_stamp + 1)
+                changes = facts.conditions.changes(name) + 1
+                changed[name] = ConditionValue(value, changes, facts.max_stamp + 1)
         if changed:
             written = [(f"{records.CONDITION}/{name}", value) for name, value in changed.items()]
             context.write(written, now_us)

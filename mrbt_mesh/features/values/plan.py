@@ -60,7 +60,7 @@ class OwnStep(PlanStep):
         names = [robot_condition(read, robot) for read in entries.read for robot in absent]
         lost = {name: None if entries.is_value(name) else False for name in names}
         return [
-            PendingLoss(name, facts.conditions.revision(name) + 1, value)
+            PendingLoss(name, facts.conditions.changes(name) + 1, value)
             for name, value in lost.items()
             if facts.conditions.entry(name) != value
         ]

@@ -15,7 +15,7 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import OverlaidFacts, OwnFacts
 from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import ExpressionRevision, Revision
+from mrbt_mesh.core.facts.records import ExpressionChanges, Reading
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import split_owner
@@ -132,10 +132,10 @@ class _Otherwise(OverlaidFacts):
         return super().condition(name) if value is None else value
 
 
-def _notes(facts: TeamFacts) -> Iterator[tuple[str, Revision]]:
-    """The conditions that robots have read for joint guards, and their revisions."""
+def _notes(facts: TeamFacts) -> Iterator[tuple[str, Reading]]:
+    """The conditions that robots have read for joint guards, and how often they had changed."""
     for entry in facts.map:
-        if isinstance(entry.record, ExpressionRevision):
+        if isinstance(entry.record, ExpressionChanges):
             mission, name = facts.mission, entry.parts[1]
             expression = mission.entries.expressions.get(name)
             guard = expression or mission.evaluator.with_actions.get(name)
@@ -147,6 +147,6 @@ def _changed(facts: TeamFacts) -> set[str]:
     """The conditions that have ever changed, by the names that the tree reads: with the robot that
     they are of, or without.
     """
-    names = {name for name in facts.conditions.names() if facts.conditions.revision(name)}
-    names |= {name for name, revision in _notes(facts) if revision}
+    names = {name for name in facts.conditions.names() if facts.conditions.changes(name)}
+    names |= {name for name, changes in _notes(facts) if changes}
     return names | {split_owner(name)[0] for name in names}

@@ -171,7 +171,7 @@ def test_late_news_is_no_change() -> None:
     late.facts.map.merge([noted])
     late.tick()
     assert late.facts.conditions.unnoted() == []
-    assert late.facts.conditions.noted("#1").revision == 0
+    assert late.facts.conditions.noted("#1").changes == 0
     late.facts.map.merge(conditions)
     late.tick()
     assert late.facts.conditions.noted("#1") == world.facts.conditions.noted("#1")

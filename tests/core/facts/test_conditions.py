@@ -39,8 +39,8 @@ def world(tree: str) -> World:
 
 
 def put(world: World, name: str, value: object, author: str = "R1") -> None:
-    revision = world.facts.conditions.revision(name) + 1
-    world.write(author, (f"{CONDITION}/{name}", [value, revision, world.facts.max_stamp + 1]))
+    changes = world.facts.conditions.changes(name) + 1
+    world.write(author, (f"{CONDITION}/{name}", [value, changes, world.facts.max_stamp + 1]))
 
 
 def test_golden_a_comparison_renews_what_is_behind_it_each_time_it_turns_against_it() -> None:
@@ -156,8 +156,8 @@ class Replica:
         return entry
 
     def put(self, name: str, value: object) -> Entry:
-        revision = self.facts.conditions.revision(name) + 1
-        return self.write(f"{CONDITION}/{name}", [value, revision, self.facts.max_stamp + 1])
+        changes = self.facts.conditions.changes(name) + 1
+        return self.write(f"{CONDITION}/{name}", [value, changes, self.facts.max_stamp + 1])
 
     def note(self) -> list[Entry]:
         found = []
@@ -214,7 +214,7 @@ def test_who_knows_less_of_two_values_of_one_revision_waits() -> None:
     assert third.note() == []
     third.facts.map.merge([blue])
     assert third.note() == []
-    assert third.facts.conditions.revision("found == red") == 2
+    assert third.facts.conditions.changes("found == red") == 2
 
 
 def test_comparisons_with_the_parameters_of_jobs_wait_for_a_job() -> None:

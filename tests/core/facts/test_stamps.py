@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.facts.records import (
     Attempt,
     ConditionValue,
-    ExpressionRevision,
+    ExpressionChanges,
     Record,
 )
 from mrbt_mesh.core.facts.stamps import MAX_CHANGES_AHEAD, MAX_STAMPS_AHEAD, Stamps
@@ -79,19 +79,19 @@ class Team:
     def change(self, author: str) -> list[str]:
         """An honest robot sees the condition change."""
         facts = self.replicas[author].facts
-        revision = facts.conditions.revision("c1") + 1
-        changed = ConditionValue(bool(revision % 2), revision, facts.max_stamp + 1)
+        changes = facts.conditions.changes("c1") + 1
+        changed = ConditionValue(bool(changes % 2), changes, facts.max_stamp + 1)
         return self.write(author, "condition/c1", changed)
 
 
-def lie(revision: int) -> ConditionValue:
-    return ConditionValue(bool(revision % 2), revision, 1)
+def lie(changes: int) -> ConditionValue:
+    return ConditionValue(bool(changes % 2), changes, 1)
 
 
-@pytest.mark.parametrize("revision", [MAX_STAMP, MAX_STAMP - 1, MAX_CHANGES_AHEAD + 1])
-def test_a_revision_that_nobody_could_continue_is_refused(revision: int) -> None:
+@pytest.mark.parametrize("changes", [MAX_STAMP, MAX_STAMP - 1, MAX_CHANGES_AHEAD + 1])
+def test_a_count_of_changes_that_nobody_could_continue_is_refused(changes: int) -> None:
     team = Team(*ROBOTS)
-    assert set(team.write("LIAR", "condition/c1", lie(revision))) == {TOO_FAR_AHEAD}
+    assert set(team.write("LIAR", "condition/c1", lie(changes))) == {TOO_FAR_AHEAD}
     assert set(team.change("A")) == {""}
     assert team.replicas["B"].facts.condition("c1")
 
@@ -100,25 +100,25 @@ def test_honest_robots_that_correct_a_lie_are_not_refused_by_those_that_missed_i
     """The liar takes its word back, and a robot that was cut off hears of it last."""
     team = Team(*ROBOTS)
     for _ in range(3):
-        known = team.replicas["A"].facts.conditions.revision("c1")
+        known = team.replicas["A"].facts.conditions.changes("c1")
         team.write("LIAR", "condition/c1", lie(known + MAX_CHANGES_AHEAD), "A")
-        revision = team.replicas["A"].facts.conditions.revision("c1")
-        assert revision > known
-        team.write("A", "condition/c1", lie(revision + 1), "LIAR")
+        changes = team.replicas["A"].facts.conditions.changes("c1")
+        assert changes > known
+        team.write("A", "condition/c1", lie(changes + 1), "LIAR")
     team.write("LIAR", "condition/c1", lie(1), "A")
     late, known_at = team.replicas["B"], team.replicas["A"]
     for _ in range(2):  # what is refused at first is asked for again
         for page in known_at.answer_pull(late.write_pull()):
             late.receive_state("A", page, 0)
     assert late.facts.map.digest() == known_at.facts.map.digest()
-    assert late.facts.conditions.revision("c1") == known_at.facts.conditions.revision("c1")
+    assert late.facts.conditions.changes("c1") == known_at.facts.conditions.changes("c1")
 
 
 def test_no_author_takes_back_a_revision() -> None:
     team = Team("A", "B")
     team.write("A", "condition/c1", lie(5))
     team.write("A", "condition/c1", lie(4))
-    assert team.replicas["B"].facts.conditions.revision("c1") == 5
+    assert team.replicas["B"].facts.conditions.changes("c1") == 5
 
 
 @pytest.mark.parametrize("read", [(MAX_STAMP, 0), (0, 9), (9, 9)])
@@ -127,11 +127,11 @@ def test_a_guard_goes_on_although_somebody_claims_to_have_read_later_conditions(
 ) -> None:
     team = Team(*ROBOTS)
     value = bool(read[0] % 2) or bool(read[1] % 2)
-    team.write("LIAR", "expression/#1", ExpressionRevision(1 if value else 2, read))
+    team.write("LIAR", "expression/#1", ExpressionChanges(1 if value else 2, read))
     facts = team.replicas["A"].facts
     assert facts.turns("#1", True) == 0
     team.change("B")
-    assert facts.turned_guards() == [("#1", ExpressionRevision(1, (1, 0)))]
+    assert facts.turned_guards() == [("#1", ExpressionChanges(1, (1, 0)))]
 
 
 def test_the_next_number_of_a_revision_is_not_one_that_a_single_robot_claims() -> None:

@@ -190,8 +190,8 @@ def open_door(default: bool = False) -> World:
     return World(sequence(condition("open"), action("go")), ["open"] if default else [])
 
 
-def tell(world: World, author: str, value: bool, revision: int, stamp: int) -> None:
-    world.write(author, ("condition/open", [value, revision, stamp]))
+def tell(world: World, author: str, value: bool, changes: int, stamp: int) -> None:
+    world.write(author, ("condition/open", [value, changes, stamp]))
 
 
 @pytest.mark.parametrize("default", [False, True])
@@ -207,7 +207,7 @@ def test_the_greatest_revision_counts_then_the_stamp_then_the_author() -> None:
     assert not world.facts.condition("open")
     tell(world, "C", True, 1, 99)
     assert not world.facts.condition("open")
-    assert world.facts.conditions.revision("open") == 2
+    assert world.facts.conditions.changes("open") == 2
     assert world.facts.max_stamp == 99
 
 
@@ -228,7 +228,7 @@ def test_a_value_that_disagrees_with_its_revision_is_not_accepted() -> None:
     wrong = parse_entry("A", "condition/open", version, [True, 2, 1])
     reason = refusal(world.facts, wrong)
     assert reason is not None
-    assert "revision 2 disagree" in reason
+    assert "count 2 disagree" in reason
 
 
 # -- the operator's commands ------------------------------------------------------------------

@@ -113,7 +113,7 @@ def test_what_a_robot_had_that_is_gone_is_lost_after_a_time(how: str) -> None:
     assert world.plan().pending_losses == ()
     getattr(world, how)("A2")
     plan = world.plan()
-    assert [(loss.condition, loss.revision) for loss in plan.pending_losses] == [("holding@A2", 2)]
+    assert [(loss.condition, loss.changes) for loss in plan.pending_losses] == [("holding@A2", 2)]
     deadlines = Deadlines(1 * S, 3 * S)
     assert deadlines.expired(plan, world.facts, 0, lambda: True) == []
     assert deadlines.next_deadline_us() == 3 * S
