@@ -81,7 +81,7 @@ GROWTH = 2.0
 
 def occupied_kib(facts: TeamFacts) -> float:
     """What the objects of a robot's facts occupy, without its mission."""
-    seen, waiting, total = {id(facts.declared), id(facts.mission)}, [facts], 0
+    seen, waiting, total = {id(facts.in_force), id(facts.mission)}, [facts], 0
     while waiting:
         each: Any = waiting.pop()
         if id(each) in seen or isinstance(each, type | ModuleType | FunctionType | Mission):

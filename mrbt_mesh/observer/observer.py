@@ -91,7 +91,7 @@ class Observer:
     @property
     def mission(self) -> Mission:
         """The mission in force, as its file has it."""
-        return self.facts.declared
+        return self.facts.in_force
 
     def begin_with(self, mission: Mission) -> None:
         """What it is about to be told begins with another mission of the same team: the first one,

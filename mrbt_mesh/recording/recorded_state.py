@@ -122,7 +122,7 @@ class RecordedState:
     def _fact(self, data: Mapping[str, Any]) -> Entry:
         entry = unpack_fact(data)
         self._number(data)
-        refused = refusal_reason(entry, self.facts.declared, self.facts.run)
+        refused = refusal_reason(entry, self.facts.in_force, self.facts.run)
         if refused is not None:
             raise ValueError(f"no robot takes this fact: {refused}")
         if self.facts.map.merge([entry]) != [entry]:

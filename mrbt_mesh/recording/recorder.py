@@ -54,8 +54,8 @@ class Recorder:
         self._scene = TeamScene(mission, self._sink.epoch_ns)
 
     def _facts_changed(self, changes: Sequence[Change]) -> None:
-        if self._facts.declared is not self._mission:
-            self._use(self._facts.declared)
+        if self._facts.in_force is not self._mission:
+            self._use(self._facts.in_force)
         self._is_settled = False
         self._add_revoked()
         for old, new in changes:

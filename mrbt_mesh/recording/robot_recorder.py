@@ -49,14 +49,14 @@ class RobotRecorder(Recorder):
     def __init__(
         self, sink: RecordingWriter, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
-        self._tasks = TaskLog(view.facts.declared)
+        self._tasks = TaskLog(view.facts.in_force)
         self._robot = view.robot
         # The version of the last of its own facts.
         self._version_written = Version(Incarnation(0, ""), 0)
         # Whether an action has ended whose outcome is still to be written, and whether one was
         # written in this step.
         self._awaits_outcome = self._has_outcome = False
-        super().__init__(sink, view.facts.declared, view.facts)
+        super().__init__(sink, view.facts.in_force, view.facts)
         self._writer, self._view = sink, view
         self._beats = beats
         self._is_alive_known = False

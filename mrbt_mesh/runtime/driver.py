@@ -157,8 +157,8 @@ class Driver:
         self.on_step: Callable[[], None] = lambda: None
         self._agent = Agent(setup.mission, setup.config, boottime_us())
         # The journal may hold a revision of the mission.
-        declared = self._agent.view.facts.declared
-        if problem := planner_problem(declared, setup.config.lacks_planner):
+        in_force = self._agent.view.facts.in_force
+        if problem := planner_problem(in_force, setup.config.lacks_planner):
             raise InputError(problem)
         self._meter = setup.meter
         self._journal = JournalWriter(

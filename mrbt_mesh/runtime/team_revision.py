@@ -81,7 +81,7 @@ async def refusals(
     Empty if it would not.
     """
     observer = watcher.observer
-    before, alive = observer.facts.declared, observer.membership.members()
+    before, alive = observer.facts.in_force, observer.membership.members()
     found = [size_problem(before, mission, watcher.timing)]
     found += objections(
         observer.facts,
@@ -218,9 +218,9 @@ async def withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
 async def _is_in_force(watcher: Watcher, revision: Mission) -> bool:
     """Return whether exactly this mission has come into force; waits until that is known here."""
     with anyio.move_on_after(WITHDRAW_S):
-        while watcher.observer.facts.declared.number < revision.number:
+        while watcher.observer.facts.in_force.number < revision.number:
             await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
-    return watcher.observer.facts.declared.digest == revision.digest
+    return watcher.observer.facts.in_force.digest == revision.digest
 
 
 async def _until_in_force(
@@ -237,10 +237,10 @@ async def _until_in_force(
     observer, said, number = watcher.observer, "", revision.number
     while True:
         revisions, robots = observer.facts.index(Revisions), observer.membership.members()
-        declared = observer.facts.declared
-        in_force, proposed = declared.number, revisions.proposed(number)
+        mission = observer.facts.in_force
+        in_force, proposed = mission.number, revisions.proposed(number)
         is_known = proposed is not None and proposed.text == text
-        is_in_force = in_force > number or declared.digest == revision.digest
+        is_in_force = in_force > number or mission.digest == revision.digest
         if is_in_force and revisions.all_act_by(in_force, robots):
             return
         if is_known and in_force < number and (reason := revisions.void_reason(number)):

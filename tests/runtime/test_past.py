@@ -125,7 +125,7 @@ def test_what_was_before_a_revision_is_told_too(
         *([(26.3, Restart("A3"))] if len(revised_s) > 1 else []),
         (30.3, submit("four")),
     )
-    last = result.observer.facts.declared
+    last = result.observer.facts.in_force
     assert last.number == len(revised_s)
     timing = open_recording(observer_file(tmp_path)).metadata.timing
     if by == "robots":
@@ -133,7 +133,7 @@ def test_what_was_before_a_revision_is_told_too(
     observer = Observer(last, "sim1", timing, default_solver)
     past.tell_past(observer, tmp_path, 0.0, ())
     assert not [text for _, text in observer.record.timeline if "not known" in text]
-    assert observer.facts.declared == last
+    assert observer.facts.in_force == last
     assert observer.record.started_us is not None
     ended_us = observer.record.started_us + round(result.summary["duration_s"] * S)
     found = run_summary(observer, "ended", ended_us)
@@ -146,7 +146,7 @@ def test_robots_that_a_revision_removes_have_left_for_those_who_come_late(tmp_pa
     """Also where the recordings of those that stay are all that is there."""
     fewer = Revise("A1", compile_mission(line(4, "A1", "A2")), True)
     result = recorded(tmp_path, (2.3, submit("one")), (12.0, fewer))
-    last = result.observer.facts.declared
+    last = result.observer.facts.in_force
     timing = open_recording(observer_file(tmp_path)).metadata.timing
     observer_file(tmp_path).unlink()
     next(path for path in robot_files(tmp_path) if path.stem == "A3").unlink()

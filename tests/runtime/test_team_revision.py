@@ -99,7 +99,7 @@ def test_a_robot_that_leaves_by_a_revision_need_not_answer(
     team = Team(monkeypatch, ONE)
     team.is_late = is_late
     taken_up(team)
-    assert team.facts.declared == ONE
+    assert team.facts.in_force == ONE
 
 
 def test_what_is_not_acknowledged_is_withdrawn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -73,7 +73,7 @@ AFTER = mission("join(1)", "check(1)", "check(2)", "join(3)", "join(2)")
 
 
 def in_force(result: SimulationResult) -> set[int]:
-    return {agent.view.facts.declared.number for agent in result.agents.values()}
+    return {agent.view.facts.in_force.number for agent in result.agents.values()}
 
 
 def test_what_is_done_stays_done_and_the_rest_follows_the_new_tree() -> None:

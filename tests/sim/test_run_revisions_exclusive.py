@@ -83,7 +83,7 @@ def begun(result: SimulationResult) -> Counter[str]:
 
 
 def number_of(result: SimulationResult) -> int:
-    (found,) = {agent.view.facts.declared.number for agent in result.agents.values()}
+    (found,) = {agent.view.facts.in_force.number for agent in result.agents.values()}
     return found
 
 
@@ -94,7 +94,7 @@ def reason(result: SimulationResult, number: int) -> str:
 def foretold(result: SimulationResult, after: Mission) -> tuple[RevisionChanges, list[str]]:
     """What a dry run says at the end of a run."""
     facts = next(iter(result.agents.values())).view.facts
-    revision = revise(facts.declared, after, facts.index(Revisions).last_number + 1)
+    revision = revise(facts.in_force, after, facts.index(Revisions).last_number + 1)
     changes = revision_changes(facts, revision)
     alive = {robot: known.incarnation for robot, known in facts.members.items()}
     return changes, objections(facts, revision, changes, alive, is_forced=True)

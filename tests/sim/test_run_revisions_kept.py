@@ -74,7 +74,7 @@ def count(result: SimulationResult, what: str = "done") -> Counter[str]:
 
 
 def in_force(result: SimulationResult) -> set[int]:
-    return {agent.view.facts.declared.number for agent in result.agents.values()}
+    return {agent.view.facts.in_force.number for agent in result.agents.values()}
 
 
 def state_of(result: SimulationResult, job: str) -> set[str]:
@@ -316,7 +316,7 @@ WITHOUT_A3 = WITH_P2.replace("A2: A, A3: A}", "A2: A}").replace(", A3: p0}", "}"
 def test_a_robot_that_a_revision_removes_has_left(faults: tuple[tuple[float, Fault], ...]) -> None:
     result = run(WITH_P2, *faults, (10, revised(WITHOUT_A3, True, robot="A1")), seconds=30)
     observer, views = result.observer, [result.agents[robot].view for robot in ("A1", "A2")]
-    assert {view.facts.declared.number for view in views} == {1}
+    assert {view.facts.in_force.number for view in views} == {1}
     assert observer.robot_state("A3") is State.LEFT
     assert [fault for fault in observer.record.major if fault.until_us is None] == []
     assert not any("dead" in each.text for each in headline(observer, [], 0))

@@ -93,7 +93,7 @@ def test_the_policies_of_a_task_under_way_change(
         (at_s + 6, Revise("R3", texts[2], True, True)),
     )
     facts = [agent.view.facts for agent in result.agents.values()]
-    assert {each.declared.number for each in facts} == {2}, result.stops
+    assert {each.in_force.number for each in facts} == {2}, result.stops
 
 
 def test_robots_that_cannot_plan_the_revision_in_force_stop(

@@ -225,8 +225,8 @@ def test_a_random_revision_keeps_what_the_guide_says(
 
 
 def only_steps_that_were_never_known(steps: changes._Steps, step: changes._Step) -> list[int]:
-    known = revision_of(steps._facts.declared)
-    first = len(steps._facts.declared.tree.nodes) if known is None else known.next_node
+    known = revision_of(steps._facts.in_force)
+    first = len(steps._facts.in_force.tree.nodes) if known is None else known.next_node
     return [number for number in steps._now[step] if number >= first]
 
 

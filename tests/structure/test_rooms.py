@@ -24,7 +24,7 @@ NAMED = {
     "jobs": (177, 58),
     "keys": (117, 33),
     "large_teams": (11, 3),
-    "revisions": (52, 15),
+    "revisions": (32, 10),
     "travel": (326, 88),
     "values": (0, 0),
 }

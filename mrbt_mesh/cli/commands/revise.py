@@ -163,7 +163,7 @@ async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
     from mrbt_mesh.runtime.team_revision import withdraw
 
     facts = watcher.observer.facts
-    pending = facts.index(Revisions).pending(facts.declared.number)
+    pending = facts.index(Revisions).pending(facts.in_force.number)
     if pending is None:
         fail(f"{team}: no revision is proposed", FAILURE)
     number = pending[1].number

@@ -170,7 +170,7 @@ class Agent:
         """Agree with the other robots on the mission in force."""
         for agree in self._parts.agree:
             agree(now_us)
-        if self._context.facts.declared is not self._mission:
+        if self._context.facts.in_force is not self._mission:
             self._take_up_mission(now_us)
             if not self._context.has_stopped:
                 for agree in self._parts.agree:
@@ -178,7 +178,7 @@ class Agent:
 
     def _take_up_mission(self, now_us: int) -> None:
         """Follow another mission that is in force: compose its parts, and continue."""
-        context, mission = self._context, self._context.facts.declared
+        context, mission = self._context, self._context.facts.in_force
         if problem := planner_problem(mission, context.config.lacks_planner):
             context.stop(2, problem)
             return
@@ -235,7 +235,7 @@ class Agent:
         for each in taken:
             if not context.has_stopped:
                 self._handlers[type(each)](each, now_us)
-                if context.facts.declared is not self._mission:
+                if context.facts.in_force is not self._mission:
                     self._take_up_mission(now_us)
         if not context.has_stopped:
             self._follow_up(taken, now_us)

@@ -63,8 +63,8 @@ class Context:
             config.journal_problem, bool(config.journal_problem), config.keeps_journal
         )
         self.commands_on_disk = CommandsOnDisk(self.durability)
-        # The mission in force, as in its file. It follows `facts.declared`.
-        self.mission = self.facts.declared
+        # The mission in force, as in its file. It follows `facts.in_force`.
+        self.mission = self.facts.in_force
         self.membership = Membership(
             self.me, config.timing, self.mission.robots, SignedReports(config.keys, config.run)
         )

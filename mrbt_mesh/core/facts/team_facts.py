@@ -88,7 +88,7 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
-    `declared`: the mission in force, as in its file. `jobs`: None if the mission has no job types.
+    `in_force`: the mission in force, as in its file. `jobs`: None if the mission has no job types.
     `indexes`: those of features, by class. `activations`: name -> the facts of the activation.
     `problems`: robot -> its journal or a part of its program -> what is wrong with it. `changes`
     counts all changes of the map, `outcome_changes` those of outcomes. `me`: the robot that holds
@@ -112,7 +112,7 @@ class TeamFacts:
 
     def _begin(self, mission: Mission) -> None:
         """Start with empty indices for this mission."""
-        self.declared = mission
+        self.in_force = mission
         self.members: dict[str, KnownMember] = {}
         self.claims: dict[str, KnownClaim] = {}
         self.conditions = Conditions(mission)
@@ -160,7 +160,7 @@ class TeamFacts:
 
     def _take_up(self, mission: Mission) -> None:
         """Put another mission of the team in force: read all facts by it."""
-        self.removed_robots = (self.removed_robots | self.declared.robot_ids) - mission.robot_ids
+        self.removed_robots = (self.removed_robots | self.in_force.robot_ids) - mission.robot_ids
         self._begin(mission)
         self.changes += 1
         self.outcome_changes += 1
@@ -173,7 +173,7 @@ class TeamFacts:
         if authors == self.revoked:
             return
         self.revoked = authors
-        self._begin(self.declared)
+        self._begin(self.in_force)
         self.changes += 1
         self.outcome_changes += 1
         for entry in self.map:
@@ -190,7 +190,7 @@ class TeamFacts:
         if self.jobs is not None and self.jobs.has_changed:
             before, self._in_tree = self._in_tree, self.jobs.in_tree()
             if before != self._in_tree:
-                self._mission = with_jobs(self.declared, self._in_tree)
+                self._mission = with_jobs(self.in_force, self._in_tree)
                 self.conditions.use(self._mission)
 
     # -- what T_G reads: EvaluationFacts ------------------------------------------------------
@@ -207,7 +207,7 @@ class TeamFacts:
         """The value of a blackboard entry, by the name that a robot's program uses in a task of
         this job; None if it is not set.
         """
-        return self.conditions.entry(self.declared.entries.of(robot, name, job))
+        return self.conditions.entry(self.in_force.entries.of(robot, name, job))
 
     def turns(self, name: str, value: bool) -> int:
         """How often the condition or expression has changed to `value`."""
@@ -321,7 +321,7 @@ class TeamFacts:
         travel, claim = self.mission.travel, self.valid_claim(robot)
         if travel is None or claim is None or claim.phase is not Phase.TRAVELLING:
             return ""
-        return place_at(self.declared, claim.local_task)
+        return place_at(self.in_force, claim.local_task)
 
     def travel_table(self, robot: str) -> Sequence[Sequence[int]]:
         """The robot's travel times in ms, as in `Travel.table`: those of its program if published,
@@ -404,7 +404,7 @@ class TeamFacts:
         found = []
         for read in task.reads:
             value = self.entry("", read, job)
-            found.append(None if value is None else self.declared.entries.text(read, value))
+            found.append(None if value is None else self.in_force.entries.text(read, value))
         return tuple(found)
 
     # -- activations of global tasks ----------------------------------------------------------
@@ -419,7 +419,7 @@ class TeamFacts:
             found = parse_activation(activation)
         except ValueError:
             return None
-        return task_of_activation(found, self.declared)
+        return task_of_activation(found, self.in_force)
 
     def task(self, activation: str) -> GlobalTask:
         """The global task of an activation that a robot works on, or has worked on."""
@@ -496,7 +496,7 @@ class TeamFacts:
         """True if no revision can have a place for this fact, which is not believed: it belongs to
         an ended job, or to a part of an earlier tree that is no longer known.
         """
-        succession, kind = self.declared.succession, entry.parts[0]
+        succession, kind = self.in_force.succession, entry.parts[0]
         name = "/".join(entry.parts[1:2])
         if kind in ACTIVATION_KINDS:
             activation = parse_activation(name)
@@ -520,8 +520,8 @@ class TeamFacts:
         key = (new.author, new.name)
         was_believed = old is not None and self._unbelieved.pop(key, None) is None
         record: Record | None = new.record
-        if self.declared.succession is not None and new.parts[0] not in records.IN_ANY_MISSION:
-            record = believed(new, self.declared, self.run)
+        if self.in_force.succession is not None and new.parts[0] not in records.IN_ANY_MISSION:
+            record = believed(new, self.in_force, self.run)
             self._see_stamp(new)
         if new.author in self.revoked:
             record = None

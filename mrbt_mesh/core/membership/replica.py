@@ -90,7 +90,7 @@ class Replica:
         self._authorship = Authorship(keys.was_signed, header.run) if keys is not None else None
         self.next_version = Version(self.incarnation, 1)
         self.left_out: list[str] = []
-        self.unproved = Unproved(timing.detection_us if len(facts.declared.robots) > 1 else 0)
+        self.unproved = Unproved(timing.detection_us if len(facts.in_force.robots) > 1 else 0)
         self.shown_by_tick: Callable[[Sequence[Entry]], Collection[str]] = lambda _: ()
 
     @property
@@ -233,7 +233,7 @@ class Replica:
     ) -> None:
         fitting, shown = [], None
         for entry in entries:
-            reason = refusal_reason(entry, self.facts.declared, self.facts.run)
+            reason = refusal_reason(entry, self.facts.in_force, self.facts.run)
             if reason is None and not is_own_record and not self._is_authentic(entry):
                 reason = NOT_AUTHENTIC
             if reason is None and not is_own_record and self.facts.is_too_far_ahead(entry):

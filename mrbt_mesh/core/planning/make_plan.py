@@ -150,7 +150,7 @@ def assign_agents(
     team, command = capabilities.team, found.command
     outside = [robot for robot in sorted(alive) if robot not in team]
     if found.is_at_rest:
-        number, idle = facts.declared.number, (*team, *outside)
+        number, idle = facts.in_force.number, (*team, *outside)
         return Plan(evaluation, command, {}, idle, (), ended=found.ended, mission_number=number)
 
     demands, offered, kept, pinned = found.demands, found.offered, found.kept, found.pinned
@@ -203,7 +203,7 @@ def assign_agents(
         demands,
         tuple(pending.values()),
         tuple(loss for step in mission.plan_steps for loss in step.losses(facts, team)),
-        mission_number=facts.declared.number,
+        mission_number=facts.in_force.number,
         ahead=found.ahead,
         kept=served,
     )

@@ -65,7 +65,7 @@ def facts_of_tick(
     `status`: that of its activation from then on. Nodes with memory keep the results of that tick,
     and if T_G ends in it, so does the mission, unless it never does.
     """
-    mission = facts.declared
+    mission = facts.in_force
     after = {name: bool(value) for name, value in values.items()}
     if not mission.entries.is_plain:
         after = facts.conditions.after(values)

@@ -96,7 +96,7 @@ class Coalitions(JointFacts):
         if self.verdict is False:
             return True
         fails = in_doubt_policy(task) is InDoubtPolicy.FAIL
-        if fails and self.in_doubt(team.declared.robot_ids):
+        if fails and self.in_doubt(team.in_force.robot_ids):
             return True
         return any(self._need_failed(task, need, team) for need in task.needs)
 
@@ -121,7 +121,7 @@ class Coalitions(JointFacts):
 
     def results(self, local_task: str, team: TeamMembers) -> Mapping[str, bool]:
         """The failures in all coalitions, and the successes in the first one that has not ended."""
-        unended = self.unended(team.declared.robot_ids)
+        unended = self.unended(team.in_force.robot_ids)
         ends = self.outcomes.get(unended[0], {}) if unended else {}
         return dict.fromkeys(self.failed_robots(local_task), False) | {
             robot: True for robot, success in ends.get(local_task, {}).items() if success
@@ -196,7 +196,7 @@ class Coalitions(JointFacts):
 
 def grantors(facts: TeamFacts) -> frozenset[str]:
     """The robots whose majority leases an exclusive task: all that the mission names."""
-    return facts.declared.robot_ids
+    return facts.in_force.robot_ids
 
 
 def coalitions_of(facts: TeamFacts, activation: str) -> Coalitions:

@@ -79,7 +79,7 @@ def facts_under(facts: TeamFacts, mission: Mission) -> TeamFacts:
     found.prune()
     for name, (member, incarnation) in found.members.items():
         robot = mission.robots.get(name)
-        if robot is not None and robot != facts.declared.robots.get(name):
+        if robot is not None and robot != facts.in_force.robots.get(name):
             changed = replace(member, type=robot.type, capabilities=robot.capabilities)
             found.members[name] = KnownMember(changed, incarnation)
     return found
@@ -89,7 +89,7 @@ def as_revision(facts: TeamFacts, mission: Mission) -> Mission:
     """The mission as the next revision of the one in force; raises RevisionError if no team could
     take it up.
     """
-    found = revise(facts.declared, mission, facts.index(Revisions).last_number + 1)
+    found = revise(facts.in_force, mission, facts.index(Revisions).last_number + 1)
     size = len(compile_mission(found))
     if size > MAX_MISSION:
         text = f"compiled it has {size} characters, and a revision at most {MAX_MISSION}"
@@ -109,7 +109,7 @@ def revision_changes(
 
     `alive`: the robots whose work counts; None: all.
     """
-    after, before = facts_under(facts, mission), facts.declared
+    after, before = facts_under(facts, mission), facts.in_force
     evaluation = after.mission.evaluator.evaluate(after)
     requested = {request.activation for request in evaluation.requests}
     ended_here = {name: said for name, said in after.activations.items() if _has_ended(said)}
@@ -165,7 +165,7 @@ class _Steps:
         alive: Collection[str] | None,
     ) -> None:
         self._facts, self._mission, self._after, self._alive = facts, mission, after, alive
-        self._before, self._now = _numbers(facts, facts.declared), _numbers(facts, mission)
+        self._before, self._now = _numbers(facts, facts.in_force), _numbers(facts, mission)
         self._known: dict[_Step, dict[str, ActivationFacts]] = {}
         for name, said in self._all().items():
             step = _Step(said.activation.subject, said.activation.job)

@@ -31,18 +31,18 @@ class Revised(FeatureChecker):
 
     def handling(self, process: SimProcess, agent: AgentView, event: Input) -> None:
         facts = agent.facts
-        in_force = facts.declared.number
+        in_force = facts.in_force.number
         is_proposed = facts.index(Revisions).last_number > in_force
-        self._before = (facts.declared, list(facts.map)) if is_proposed else None
+        self._before = (facts.in_force, list(facts.map)) if is_proposed else None
 
     def stepped(self, agent: AgentView) -> None:
         facts = agent.facts
-        if self._before is None or self._before[0] is facts.declared:
+        if self._before is None or self._before[0] is facts.in_force:
             return
         before = TeamFacts(self._before[0], facts.run)
         for entries in (self._before[1], facts.map):
             before.map.merge(each for each in entries if each.parts[0] not in KINDS)
-        told = revision_changes(before, facts.declared)
+        told = revision_changes(before, facts.in_force)
         self.run.checks["I11"] += 1
         lost = [
             n
@@ -72,9 +72,9 @@ class Revised(FeatureChecker):
 
     def _begins(self, agent: AgentView, start: StartAction) -> None:
         """When a robot begins something, no other one acts by another revision."""
-        run, number = self.run, agent.facts.declared.number
+        run, number = self.run, agent.facts.in_force.number
         for other in joined(run.world):
-            theirs = other.facts.declared.number
+            theirs = other.facts.in_force.number
             if not number and not theirs:
                 continue
             run.checks["I11"] += 1

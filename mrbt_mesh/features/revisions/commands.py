@@ -32,7 +32,7 @@ def next_revision(facts: TeamFacts, mission: Mission) -> Mission | str:
 def revision_of(facts: TeamFacts, fault: Revise) -> Mission:
     """The mission that a fault proposes as the next revision."""
     number = facts.index(Revisions).last_number + 1
-    return revise(facts.declared, read_mission(fault.mission), number)
+    return revise(facts.in_force, read_mission(fault.mission), number)
 
 
 def proposal(revision: Mission, given: Revise | Propose) -> tuple[str, str, list[Any]]:
@@ -48,7 +48,7 @@ def withdrawal(revision: Mission) -> str:
 
 def is_in_force(facts: TeamFacts, revision: Mission) -> bool:
     """Whether a revision is in force, or a later one."""
-    return facts.declared.number >= revision.number
+    return facts.in_force.number >= revision.number
 
 
 def void_reason(facts: TeamFacts, revision: Mission) -> str:
@@ -58,5 +58,5 @@ def void_reason(facts: TeamFacts, revision: Mission) -> str:
 
 def awaited(facts: TeamFacts, revision: Mission, robots: Collection[str]) -> list[str]:
     """The robots that must still hold a revision which is not in force; sorted."""
-    in_force = facts.declared.number
+    in_force = facts.in_force.number
     return facts.index(Revisions).awaited(revision.number, in_force, robots)

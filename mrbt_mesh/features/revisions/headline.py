@@ -12,7 +12,7 @@ from mrbt_mesh.features.revisions.facts import Revisions
 
 def warnings(facts: TeamFacts, robots: Collection[str]) -> Iterator[str]:
     """Another mission is on its way: until all `robots` act by it nobody begins anything."""
-    revisions, in_force = facts.index(Revisions), facts.declared.number
+    revisions, in_force = facts.index(Revisions), facts.in_force.number
     if not revisions.is_used:
         return
 

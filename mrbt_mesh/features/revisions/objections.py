@@ -59,7 +59,7 @@ def _without_force(
     changes: RevisionChanges,
     alive: Mapping[str, Incarnation],
 ) -> Iterator[str]:
-    before = facts.declared.name
+    before = facts.in_force.name
     if mission.name != before:
         yield (
             f"it is the mission {mission.name}, and this team runs {before}: give the right file "
@@ -91,13 +91,13 @@ def not_feasible(facts: TeamFacts, mission: Mission, alive: Mapping[str, Incarna
 
 def _lacking(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, str]:
     """Global task -> what robots it lacks."""
-    named = {robot: life for robot, life in alive.items() if robot in facts.declared.robots}
+    named = {robot: life for robot, life in alive.items() if robot in facts.in_force.robots}
     team = {
         robot: replace(worker, member=replace(worker.member, pending={}))
         for robot, worker in workers(facts, named).items()
     }
     able, found = Capabilities(team), dict[str, str]()
-    for tree in (facts.mission, with_one_of_each(facts.declared)):
+    for tree in (facts.mission, with_one_of_each(facts.in_force)):
         evaluation = tree.evaluator.evaluate(facts)
         for requests in tasks_ahead(tree.evaluator, facts, evaluation, MOST_AHEAD):
             for request in requests:

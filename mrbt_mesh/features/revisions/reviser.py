@@ -137,7 +137,7 @@ class Reviser(Part):
         revisions = self._revisions
         if not revisions.is_used:
             return True
-        number = self._context.facts.declared.number
+        number = self._context.facts.in_force.number
         alive = self._context.alive()
         return revisions.pending(number) is None and revisions.all_act_by(number, alive)
 
@@ -151,7 +151,7 @@ class Reviser(Part):
 
     def _write(self, now_us: int) -> None:
         context, revisions = self._context, self._revisions
-        in_force = context.facts.declared.number
+        in_force = context.facts.in_force.number
         held, pending = revisions.held_by(context.me), revisions.pending(in_force)
         number, digest, problem = held.number, held.digest, held.problem
         if pending is not None and pending[1].digest != held.digest:

@@ -116,16 +116,16 @@ def is_revised_away(agent: AgentView, entry: Entry) -> bool:
     """Whether no revision can have a place for this entry any more."""
     facts, parts = agent.facts, entry.parts
     if parts[0] in IN_ANY_MISSION:
-        return len(parts) > 1 and int(parts[1]) < facts.declared.number
-    if facts.declared.succession is None:
-        has_no_place = no_place_reason(entry, facts.declared, facts.run) is not None
+        return len(parts) > 1 and int(parts[1]) < facts.in_force.number
+    if facts.in_force.succession is None:
+        has_no_place = no_place_reason(entry, facts.in_force, facts.run) is not None
         return has_no_place and _knows_revisions(facts)
-    return believed(entry, facts.declared, facts.run) is None and facts.is_past(entry)
+    return believed(entry, facts.in_force, facts.run) is None and facts.is_past(entry)
 
 
 def _knows_revisions(facts: TeamFacts) -> bool:
     """Whether another mission was in force before, or may be soon."""
-    return facts.declared.succession is not None or any(
+    return facts.in_force.succession is not None or any(
         entry.parts[0] in IN_ANY_MISSION for entry in facts.map
     )
 
@@ -152,7 +152,7 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
 def _is_gone(agent: AgentView, activation: str) -> bool:
     """Whether no evaluation can reach an activation, as of a node that a revision does not have."""
     facts = agent.facts
-    is_known = has_activation(facts.declared, activation, facts.run)
+    is_known = has_activation(facts.in_force, activation, facts.run)
     if not is_known and _knows_revisions(facts):
         return True
     return facts.is_obsolete(parse_activation(activation))

@@ -57,8 +57,8 @@ class Renewals:
         if plan is None or plan is seen.plan or not agent.is_plan_current or agent.is_joining:
             return
         seen.plan = plan
-        if seen.mission is not agent.facts.declared:  # the first one, or another revision
-            seen.mission = agent.facts.declared
+        if seen.mission is not agent.facts.in_force:  # the first one, or another revision
+            seen.mission = agent.facts.in_force
             seen.barriers = list(barriers(seen.mission.tree))
             seen.requested.clear()
             seen.turned.clear()

@@ -42,7 +42,7 @@ def not_taken_off(run: RunFindings, agent: AgentView, claim: Claim) -> None:
     job = parse_activation(claim.activation).job
     if facts.jobs is not None and facts.jobs.hold_of(job) is Hold.NOW:
         return  # operators want it to end
-    if task.joint is not None or any(each.preemptive for each in facts.declared.all_tasks()):
+    if task.joint is not None or any(each.preemptive for each in facts.in_force.all_tasks()):
         return  # the members of a coalition stop together
     if plan is None or plan.command is not TeamOrder.RESUME or agent.is_joining or agent.is_leaving:
         return

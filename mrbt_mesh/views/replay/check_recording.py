@@ -44,7 +44,7 @@ class PlanAgain:
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         """Return the plan for these facts and these living robots."""
         # Launches of a continued run begin without facts, each with the revision in force then.
-        mission, known = facts.declared.digest, facts.map.digest()
+        mission, known = facts.in_force.digest, facts.map.digest()
         key = (mission, known, facts.revoked, tuple(sorted(alive.items())))
         if key not in self._made:
             self._made[key] = make_plan(facts, alive, default_solver)
@@ -263,7 +263,7 @@ class RecordingCheck(CheckedRecording):
         facts = self.state.facts
         self.plan = self._plans.plan(facts, self.state.alive)
         self._derived.planned(facts, self.plan)
-        self._nodes = pack_statuses(self.plan.evaluation.declared_statuses(facts.declared.tree))
+        self._nodes = pack_statuses(self.plan.evaluation.declared_statuses(facts.in_force.tree))
 
     def _statuses(self, data: Mapping[str, Any]) -> None:
         self.counts["statuses"] += 1

@@ -80,8 +80,8 @@ def verify(
     commands: Sequence[NotedCommand] = ()
     if files is not None:
         missions = {each.metadata.mission_digest for each in recordings}
-        missions |= {check.state.facts.declared.digest for check in checks}
-        revision = max(check.state.facts.declared.number for check in checks)
+        missions |= {check.state.facts.in_force.digest for check in checks}
+        revision = max(check.state.facts.in_force.number for check in checks)
         checked = check_files(files, recordings, manifest, missions, revision)
         findings += checked.findings
         team.gaps += checked.gaps

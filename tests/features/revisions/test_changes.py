@@ -36,7 +36,7 @@ def test_a_dry_run_says_what_stays_and_what_does_not(seed: int) -> None:
     version = Version(Incarnation(9, "n"), 1)
     adopted = make_entry("A1", "mission_adopted/1", version, AdoptedMission(after.digest))
     now.map.merge([command("mission/1", [compile_mission(after), False, False]), adopted])
-    assert now.declared == after
+    assert now.in_force == after
     assert {name for name in done if now.has_outcome(name)} == {*told.kept, *told.kept_failed}
     assert not any(now.has_outcome(name) for name in (*told.begun_again, *told.dropped))
     requests = now.mission.evaluator.evaluate(now).requests

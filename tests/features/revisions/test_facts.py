@@ -82,7 +82,7 @@ def held(author: str, found: Mission, problem: str = "", by: int = 0) -> Entry:
 def facts(*entries: Entry) -> TeamFacts:
     found = TeamFacts(BEFORE, RUN)
     for each in entries:
-        assert refusal_reason(each, found.declared, RUN) is None, each.name
+        assert refusal_reason(each, found.in_force, RUN) is None, each.name
         found.map.merge([each])
     return found
 
@@ -96,16 +96,16 @@ def test_the_same_facts_are_read_the_same_in_any_order(order: tuple[int, ...]) -
     entries = [proposed(AFTER), adopted(AFTER), proposed(SECOND), adopted(SECOND), DONE]
     found = facts(*(entries[number] for number in order))
     found.prune()
-    assert found.declared == SECOND
+    assert found.in_force == SECOND
     assert {each.name for each in found.map} == {"mission/2", "mission_adopted/2", DONE.name}
     assert found.has_outcome(f"{RUN}:1:weld::0")
 
 
 def test_it_is_in_force_once_that_and_the_mission_are_known() -> None:
-    assert facts(proposed(AFTER)).declared is BEFORE
-    assert facts(adopted(AFTER)).declared is BEFORE
-    assert facts(adopted(OTHER), proposed(AFTER)).declared is BEFORE
-    assert facts(adopted(AFTER), proposed(AFTER)).declared == AFTER
+    assert facts(proposed(AFTER)).in_force is BEFORE
+    assert facts(adopted(AFTER)).in_force is BEFORE
+    assert facts(adopted(OTHER), proposed(AFTER)).in_force is BEFORE
+    assert facts(adopted(AFTER), proposed(AFTER)).in_force == AFTER
 
 
 def test_what_has_no_place_in_it_is_kept_and_does_nothing_until_it_has_one() -> None:

@@ -72,8 +72,8 @@ def test_mission_and_revision_keep_their_names(tmp_path: Path) -> None:
     began, later = mission(ALL, 3), mission(ALL, 5)
     schedule = [(1_000_000, Revise("A1", compile_mission(later), True))]
     result = simulate(began, PROGRAM, seed=3, schedule=schedule, record=tmp_path)
-    assert result.observer.facts.declared.number == 1
-    texts = [compile_mission(each) for each in (began, result.observer.facts.declared)]
+    assert result.observer.facts.in_force.number == 1
+    texts = [compile_mission(each) for each in (began, result.observer.facts.in_force)]
 
     def verified(**missions: str) -> list[str]:
         files = RunDirFiles(missions={f"{name}.json": text for name, text in missions.items()})
