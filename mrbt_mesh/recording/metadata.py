@@ -13,7 +13,6 @@ from mrbt_mesh.core.codec import Codec, StandIn
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.features.revisions.kinds import SECTION
 from mrbt_mesh.recording.channels import FORMAT
 
 # Replaces the robot's name in the recording of an observer.
@@ -93,9 +92,10 @@ class RunMetadata:
 
     @property
     def team_digest(self) -> str:
-        """The digest of the mission with which the team was started."""
-        revision = json.loads(self.mission).get("sections", {}).get(SECTION)
-        return self.mission_digest if revision is None else str(revision["team"])
+        """The digest of the mission with which the team was started. Raises FileError for a damaged
+        mission.
+        """
+        return mission_from_compiled(self.mission, "metadata").team_digest
 
     @staticmethod
     def of(

@@ -25,7 +25,7 @@ from typing import Any, BinaryIO, Self, overload
 
 import fastjsonschema
 
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import FileError, InputError
 from mrbt_mesh.recording import mcap_file
 from mrbt_mesh.recording.channels import (
     ACTIONS,
@@ -456,7 +456,7 @@ def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
         raise RecordingError(f"{path}: {error}") from None
     try:
         _ = metadata.team_digest
-    except (ValueError, TypeError, AttributeError, LookupError, RecursionError):
+    except FileError:
         raise RecordingError(f"{path}: the mission in its metadata is damaged") from None
     if metadata.to_values() != reading.metadata:
         reading.damage.insert(0, Damage(0, "its metadata are not those that mrbt writes"))
