@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -50,6 +51,8 @@ _HIDDEN_COMMANDS = _OF_JOBS.union(
     *([f for f, known in each.commands.items() if not known.is_shown] for each in features())
 )
 _SHOWN_COMMANDS = records.COMMANDS - _HIDDEN_COMMANDS
+# How many works of a robot are kept that has not been heard itself.
+MAX_EARLY = 64
 
 
 class RunRecord:
@@ -96,6 +99,8 @@ class RunRecord:
                 self.features.append(history)
                 self._feature_of |= dict.fromkeys(feature.kinds, history)
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
+        # Robot -> what it has begun in lives that are not known yet, the newest: activation, life.
+        self._early: dict[str, deque[tuple[str, Incarnation]]] = {}
         self.unwatched: list[tuple[int | None, int]] = []
         self.is_catching_up = False
         self._exits: dict[str, int] = {}
@@ -180,6 +185,10 @@ class RunRecord:
                 self._is_back(fault, now_us)
         known.update(incarnation=incarnation, state=State.ALIVE)
         self._say_heard(now_us, f"{robot} joined" if previous is None else f"{robot} is back")
+        # It may have begun and ended work before its first heartbeat came here.
+        for activation, of_life in self._early.pop(robot, ()):
+            if of_life == incarnation:
+                self._took_part(robot, activation)
         self._claimed(robot, now_us)
 
     def exited(self, robot: str, at_us: int) -> None:
@@ -314,9 +323,7 @@ class RunRecord:
                 if member.is_leaving and known.get("state") is not State.DEAD:
                     known["state"] = State.LEFT
             case Claim() as claim:
-                self._claims[robot] = (claim, entry.version.incarnation)
-                self.claims.append((now_us, robot, claim))
-                self._claimed(robot, now_us)
+                self._claim(robot, claim, entry.version.incarnation, now_us)
             case NoClaim():
                 self._claims.pop(robot, None)
                 self.work_log.given_up(robot, now_us)
@@ -472,26 +479,41 @@ class RunRecord:
                 value = changed.get(name, member.capabilities.get(name, 0)) / MICRO
                 self.say(now_us, f"{robot}: {name} at {value:g}")
 
-    def _claimed(self, robot: str, now_us: int) -> None:
-        """A claim counts once its incarnation is known to live: it may be of an earlier life."""
+    def _claim(self, robot: str, claim: Claim, incarnation: Incarnation, now_us: int) -> None:
+        self._claims[robot] = (claim, incarnation)
+        self.claims.append((now_us, robot, claim))
+        if not self._claimed(robot, now_us) and claim.phase is Phase.RUNNING:
+            early = self._early.setdefault(robot, deque(maxlen=MAX_EARLY))
+            early.append((claim.activation, incarnation))
+
+    def _claimed(self, robot: str, now_us: int) -> bool:
+        """A claim counts once its incarnation is known to live: it may be of an earlier life.
+        Return whether it does.
+        """
         claim, incarnation = self._claims.get(robot, (None, None))
         if claim is None or self.robots.get(robot, {}).get("incarnation") != incarnation:
-            return
+            return False
         span = self.work_log.claimed(robot, claim, now_us, self.is_catching_up)
         self.job_log.at_work(span)
         if claim.phase is Phase.TRAVELLING and self.mission.travel is not None:
             place = place_at(self.mission, claim.local_task)
             self._say_heard(now_us, f"{robot}: on its way to {place} for {claim.local_task}")
-        if claim.phase is not Phase.RUNNING:
-            return
-        self.task_log.took_part(robot, claim.activation)
-        self.rounds.took_part(robot)
+        if claim.phase is Phase.RUNNING:
+            self._began(robot, claim, now_us)
+        return True
+
+    def _began(self, robot: str, claim: Claim, now_us: int) -> None:
+        self._took_part(robot, claim.activation)
         for history in self.features:
             history.begun(robot, claim)
         self._say_heard(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
         for fault in self.major:
             if fault.robot != robot:
                 self._takes_over(fault, robot, claim, now_us)
+
+    def _took_part(self, robot: str, activation: str) -> None:
+        self.task_log.took_part(robot, activation)
+        self.rounds.took_part(robot)
 
     def _takes_over(self, fault: MajorFault, robot: str, claim: Claim, now_us: int) -> None:
         """The robot runs `claim`: if the dead one held that, this is its replacement."""

@@ -17,7 +17,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.observer.episodes import DeathTimes, after_text
 from mrbt_mesh.observer.run_record import RunRecord
-from tests.support.build import action, make_mission
+from tests.support.build import action, make_mission, sequence
 
 FIRST, SECOND = Incarnation(1, "n"), Incarnation(2, "m")
 S = 1_000_000
@@ -160,3 +160,17 @@ def test_recorded_times_of_a_death_count_whenever_they_come() -> None:
 def test_how_long_after(after_us: int, text: str) -> None:
     assert after_text(after_us, exact=True) == text
     assert after_text(after_us, exact=False) == f"about {text}"
+
+
+def test_what_a_robot_began_and_left_before_its_first_beat_came_here_counts() -> None:
+    """Recordings have it, as they note robots first."""
+    record = RunRecord(make_mission(sequence(action("weld"), action("paint"))))
+    lives = (Incarnation(1, "o"), "paint"), (FIRST, "weld"), (FIRST, "paint")
+    for number, (life, task) in enumerate(lives):
+        phase = Phase.CLAIMED if (life, task) == (FIRST, "paint") else Phase.RUNNING
+        claim = Claim(f"r:{number}:{task}::0", task, task, phase, number).to_value()
+        record.fact(parse_entry("A", CLAIM, Version(life, number + 1), claim), 0)
+    assert not record.task_log.tasks["weld"].robots, "its life may be an earlier one"
+    record.robot_seen("A", FIRST, S)
+    taken = {name: task.robots for name, task in record.task_log.tasks.items()}
+    assert taken == {"weld": {"A"}, "paint": set()}
