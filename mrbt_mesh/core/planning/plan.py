@@ -320,7 +320,7 @@ def assignment_reason(plan: Plan, robot: str) -> str:
     if assignment.pinned:
         why = "goes on with what it runs"
     elif plan.ahead is not None and plan.ahead.is_next(robot, assignment.activation):
-        why = f"first in the schedule of {plan.ahead.author}"
+        why = "next in the schedule in force"
     why += "".join(f" with {name} = {value}" for name, value in assignment.values)
     texts = (part.performance_text(assignment) for part in plan.parts.values())
     text = next(filter(None, texts), f"performance {assignment.performance / MICRO:g}")

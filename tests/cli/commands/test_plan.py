@@ -314,4 +314,5 @@ def test_plan_searches_a_schedule_for_robots_that_travel(tmp_path: Path) -> None
     assert (
         "schedule by this command (no robot searches) for makespan, 3 tasks, ends in 13.0 s" in text
     )
+    assert "next in the schedule in force (performance 1)" in text, "no robot has proposed it"
     assert plan(REPAIR)["forecast"] is None
