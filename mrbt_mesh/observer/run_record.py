@@ -51,7 +51,7 @@ _HIDDEN_COMMANDS = _OF_JOBS.union(
     *([f for f, known in each.commands.items() if not known.is_shown] for each in features())
 )
 _SHOWN_COMMANDS = records.COMMANDS - _HIDDEN_COMMANDS
-# How many works of a robot are kept that has not been heard itself.
+# How many activations are kept of a robot whose own heartbeat has not come yet.
 MAX_EARLY = 64
 
 
@@ -99,7 +99,7 @@ class RunRecord:
                 self.features.append(history)
                 self._feature_of |= dict.fromkeys(feature.kinds, history)
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
-        # Robot -> what it has begun in lives that are not known yet, the newest: activation, life.
+        # Robot -> the newest activations that it has begun, with its life; while that is not known.
         self._early: dict[str, deque[tuple[str, Incarnation]]] = {}
         self.unwatched: list[tuple[int | None, int]] = []
         self.is_catching_up = False

@@ -98,9 +98,9 @@ UNDECIDED = "in doubt"
 
 @dataclass(frozen=True, slots=True)
 class PendingLoss:
-    """A condition that becomes false, or an entry that is not set any more, as the last of so many
-    `changes`, if every plan shows it for `Timing.failure_latch_us`: a robot outside the team had
-    it.
+    """A condition that becomes false, or an entry that is not set any more, if every plan shows it
+    for `Timing.failure_latch_us`: a robot outside the team had it. `changes`: how often it has
+    changed then.
     """
 
     condition: str
