@@ -212,6 +212,8 @@ class RunRecord:
         self._known_times[robot, incarnation] = times
         for fault in self._faults_of(robot, incarnation)[-1:]:
             self._settle(fault)
+            # It may have died before the claim of its replacement was heard, and not after.
+            self._find_takeover(fault)
 
     def died_unseen(self, robot: str, now_us: int, at_us: int | None) -> None:
         """The robot's process has ended, and nobody was there to notice; the last sign of life that

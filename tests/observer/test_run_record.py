@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mrbt_mesh.core.facts.records import (
@@ -104,6 +106,22 @@ def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
     (fault,) = record.major
     assert (fault.replacement, fault.reassigned_us) == ("B", 3 * S + 20_000)
     assert fault.detected_us == fault.reassigned_us, "who takes over knows of the death"
+
+
+def test_a_replacement_is_found_once_it_is_known_that_the_death_was_earlier() -> None:
+    """The end of a process is noticed late where the computer is busy."""
+    record = RunRecord(make_mission(action("weld")))
+    value = Claim("r:0:weld::0", "weld", "weld", Phase.RUNNING, 1).to_value()
+    for robot, at_us in (("A", S), ("B", 3 * S)):
+        record.robot_seen(robot, FIRST, 0)
+        record.fact(parse_entry(robot, CLAIM, Version(FIRST, 1), value), at_us)
+    record.exited("A", 3 * S + 10_000)
+    record.declared_dead("A", FIRST, 3 * S + 20_000)
+    (fault,) = record.major
+    assert fault.replacement is None
+    record.death_recorded("A", FIRST, replace(fault.times, at_us=3 * S - 30_000))
+    assert (fault.replacement, fault.reassigned_us) == ("B", 3 * S)
+    assert fault.times.at_us == 3 * S - 30_000
 
 
 def test_when_robots_joined_and_what_conditions_became_are_kept(record: RunRecord) -> None:
