@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from mrbt_mesh.core.agent import agent, scheduler
+from mrbt_mesh.core.agent import scheduler
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.facts import records
@@ -78,11 +78,17 @@ def test_false_proposals_do_not_harm_the_team(seed: int, monkeypatch: pytest.Mon
     kill = [(6 * SECOND_US, Kill("C2"))]
     honest = simulate(mission, program, seed=seed, schedule=kill, inspect=False)
 
-    def some_lie(context: Context) -> Scheduler:
-        return Liar(context) if context.me == "C1" else Scheduler(context)
+    liars = []
 
-    monkeypatch.setattr(agent, "Scheduler", some_lie)
+    def some_lie(context: Context) -> Scheduler:
+        if context.me != "C1":
+            return Scheduler(context)
+        liars.append(Liar(context))
+        return liars[-1]
+
+    monkeypatch.setattr(scheduler, "Scheduler", some_lie)
     result = simulate(mission, program, seed=seed, schedule=kill)
+    assert liars, "the test replaces nothing"
     assert (result.result, result.violations) == ("success", []), f"seed {seed}"
     # Its schedules are in force until others have found a better one, for 0.3 s of a search.
     assert result.duration_us <= honest.duration_us + 2 * SECOND_US, f"seed {seed}"
